@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks.bias import find_bias
 from engine.guiding.fields.vmm.field import allocate_guide
-from engine.guiding.models import network_source, record_sink
+from engine.guiding.models import record_sink
+from engine.guiding.neural.models import network_source
 from engine.guiding.neural.networks.lobes.vmf import decode_vmf
 from engine.guiding.neural.networks.mixture.inference import allocate_mixture_scratch, evaluate_mixtures
 from engine.guiding.records.training_rows import ROW_U

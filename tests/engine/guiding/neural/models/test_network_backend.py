@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from engine.guiding.models import network_backend
+from engine.guiding.neural.models import network_backend
 from engine.guiding.neural.models.network_backend import NetworkBackend, least_seconds, make_probe
 from engine.guiding.neural.networks.radiance import COMPACT_SHAPE
 from engine.guiding.neural.networks.radiance_query import make_network_field
