@@ -24,6 +24,14 @@ def pytest_configure() -> None:
     collect_nothing_while_compiling()
 
 
+def pytest_collection_finish() -> None:
+    """Nothing is compiled for a list of tests: every worker makes the list, and all would compile at the same time."""
+    from engine.runtime.kernel_cache import origins
+
+    if origins:
+        raise pytest.UsageError("a kernel was called while tests were collected: call it in a test, or in a fixture")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """In CI a test that is skipped, but for another Blender or Python, has failed."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,8 +32,12 @@ from benchmarks.stability_figures import LEAST_BIAS, Picture
 from engine.guiding.policy import sets
 from engine.methods import METHODS, SOURCES
 from engine.settings import RenderSettings
+from tests.helpers.kept_arrays import KeptArrays
 from tests.helpers.training import require_torch
 from tests.helpers.untrained_networks import BadNetwork, Untrained, ask
+
+#: Pictures by case.
+References = Callable[[Case], list[Float32Array]]
 
 NETWORKS = (*(source.name for source in SOURCES.values() if source.is_network), "NEURAL_RIS")
 STATISTICAL = [method for method in METHODS if method not in ("OFF", *NETWORKS)]
@@ -85,6 +89,18 @@ def reference_images(case: Case) -> list[Float32Array]:
     return [p.image for p in pictures(plain, "OFF", REFERENCE_FACTOR * case.samples, REFERENCE_SEEDS)]
 
 
+@pytest.fixture(scope="session")
+def references(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> References:
+    """References of this run of the tests: of a case they are rendered once, by whichever worker needs them first."""
+    folder = tmp_path_factory.getbasetemp()
+    kept = KeptArrays(folder if worker_id == "master" else folder.parent)
+
+    def of_case(case: Case) -> list[Float32Array]:
+        return list(kept.get(f"stability-{case.name}", lambda: np.stack(reference_images(case))))
+
+    return of_case
+
+
 def enough_samples(case: Case, references: Sequence[Float32Array]) -> int:
     """Samples with which a bias of 2% will be seen, by the noise of the reference alone."""
     if case.name.startswith("few"):
@@ -110,9 +126,8 @@ def measured(
     return rendered, find_bias([picture.image for picture in rendered], references)
 
 
-def problems(case: Case, methods: Sequence[str]) -> list[str]:
+def problems(case: Case, methods: Sequence[str], references: Sequence[Float32Array]) -> list[str]:
     """What is wrong with the methods' pictures of a case, or with the test itself."""
-    references = reference_images(case)
     samples = enough_samples(case, references)
     found = []
     for method in methods:
@@ -152,8 +167,8 @@ def draw_networks_at_random(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", FAST)
-def test_statistical_methods_are_unbiased_where_guiding_is_hard(name: str) -> None:
-    assert not problems(CASES[name], STATISTICAL)
+def test_statistical_methods_are_unbiased_where_guiding_is_hard(name: str, references: References) -> None:
+    assert not problems(CASES[name], STATISTICAL, references(CASES[name]))
 
 
 def wrong_in_media(name: str, methods: Sequence[str]) -> list[str]:
@@ -188,48 +203,50 @@ def test_bad_media_are_guided_without_a_loss_by_trees_and_networks(name: str, mo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_HIDDEN_LIGHTS)
-def test_learned_light_selection_is_unbiased(name: str) -> None:
+def test_learned_light_selection_is_unbiased(name: str, references: References) -> None:
     picture = pictures(CASES[name], "VMM", 31, [1])[0]
     assert any(line.startswith("lights: ") and not line.startswith("lights: 0%") for line in picture.guiding)
-    assert not problems(CASES[name], ["VMM"])
+    assert not problems(CASES[name], ["VMM"], references(CASES[name]))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in IN_TIME if name not in FAST])
-def test_statistical_methods_are_unbiased_in_every_case(name: str) -> None:
-    assert not problems(CASES[name], STATISTICAL)
+def test_statistical_methods_are_unbiased_in_every_case(name: str, references: References) -> None:
+    assert not problems(CASES[name], STATISTICAL, references(CASES[name]))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["SDTREE", "SDTREE_VARIANCE"])
-def test_trees_forced_on_many_reflections_are_unbiased(method: str) -> None:
+def test_trees_forced_on_many_reflections_are_unbiased(method: str, references: References) -> None:
     """What a vertex lost would be lost at each of them, and show in the product of their weights."""
     case = CASES["albedo"]
-    references = reference_images(case)
+    expected = references(case)
     description, base = describe_case(case, threads=1)
     settings = method_settings(method, base, forced=True)
     images = [render_case(description, replace(settings, seed=seed)).image for seed in range(1, 201)]
-    bias = find_bias(images, references)
+    bias = find_bias(images, expected)
     assert not bias.is_biased, bias
     assert bias.detectable < LEAST_BIAS, bias
-    assert detects(images, references, LEAST_BIAS) and detects(images, references, -LEAST_BIAS)
+    assert detects(images, expected, LEAST_BIAS) and detects(images, expected, -LEAST_BIAS)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in IN_TIME if name != "long"])  # which is long for what learns
-def test_networks_that_know_nothing_are_unbiased(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_networks_that_know_nothing_are_unbiased(
+    name: str, references: References, monkeypatch: pytest.MonkeyPatch
+) -> None:
     draw_networks_at_random(monkeypatch)
-    assert not problems(CASES[name], SOME_NETWORKS[name])
+    assert not problems(CASES[name], SOME_NETWORKS[name], references(CASES[name]))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"), list(zip(("keyhole", "colors", "thin", "late-caustic", "roughness-0.1"), NETWORKS, strict=True))
 )
-def test_networks_that_have_learned_are_unbiased(name: str, method: str) -> None:
+def test_networks_that_have_learned_are_unbiased(name: str, method: str, references: References) -> None:
     require_torch()
 
-    assert not problems(CASES[name], [method])
+    assert not problems(CASES[name], [method], references(CASES[name]))
 
 
 def noise(shape: tuple[int, int] = (36, 48), spread: float = 0.3, seed: int = 0, bias: float = 0.0) -> Float32Array:
