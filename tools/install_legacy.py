@@ -74,7 +74,9 @@ def find_pip(python: str) -> list[str]:
 def _download(python: str, packages: list[str], folder: Path) -> str:
     """Put packages for that version of Python, which need not be this one, into `folder`; what went wrong, or ''."""
     command = [*find_pip(python), "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--upgrade"]
-    command += ["--python-version", python, "--only-binary", ":all:", "--target", str(folder), *packages]
+    # pip would ask whether packages are for the Python that it runs in; their wheels are chosen by version and tags.
+    command += ["--python-version", python, "--only-binary", ":all:", "--ignore-requires-python"]
+    command += ["--target", str(folder), *packages]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
     return "" if done.returncode == 0 else "\n".join(errors) or done.stderr or "pip failed"
