@@ -7,12 +7,13 @@ import bpy
 import numpy as np
 
 from engine.array_types import Int32Array
-from engine.scene.description import UNDEFORMED, Attribute, Mesh
+from engine.scene.attribute_names import SMOOTH, UNDEFORMED, VERTEX_NORMALS
+from engine.scene.description import Attribute, Mesh
 
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
-from .normals import read_flat_triangles, read_normals
+from .normals import has_normals_of_corners, read_flat_triangles, read_normals, read_vertex_normals
 from .positions import read_positions, read_undeformed
 from .standard_attributes import is_hidden, is_standard, read_standard
 from .tangents import compute_tangents
@@ -109,7 +110,18 @@ def _read_mesh(
     context.check_cancel()
     exported.texture_space = np.array([mesh.texspace_location, mesh.texspace_size], np.float32)
     _add_attributes(context, mesh, request, vertex_groups, topology, exported)
+    if request.displaces:
+        _add_normals(mesh, topology, exported)
     return exported
+
+
+def _add_normals(mesh: bpy.types.Mesh, topology: Topology, exported: Mesh) -> None:
+    """What normals of a mesh that is to be displaced are made of."""
+    if not has_normals_of_corners(mesh):
+        exported.attributes[VERTEX_NORMALS] = Attribute("POINT", read_vertex_normals(mesh))
+    if exported.corner_normals is not None:
+        is_smooth = ~read_flat_triangles(mesh, topology)
+        exported.attributes[SMOOTH] = Attribute("FACE", is_smooth.astype(np.float32)[:, None])
 
 
 def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:

@@ -79,8 +79,6 @@ def notice_material(
         return
     if is_since(ANISOTROPIC_TRANSMISSION) and any(_is_anisotropic_glass(node) for node in graph.nodes):
         context.notice(subject, "anisotropic transmission is not supported", "glass as rough in all directions")
-    if graph.displacement is not None and read_setting(material, "displacement_method") != "BUMP":
-        context.notice(subject, "displacement of the geometry is not supported", "its bump alone")
 
 
 def _is_anisotropic_glass(node: Node) -> bool:

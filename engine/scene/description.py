@@ -29,9 +29,6 @@ VISIBLE_VOLUME = 16
 VISIBLE_SHADOW = 32
 VISIBLE_ALL = 63
 
-#: The attribute of positions before deformation.
-UNDEFORMED = "__undeformed"
-
 
 @dataclass(frozen=True)
 class Notice:
@@ -132,6 +129,8 @@ class Material:
     emission_sampling: str = "AUTO"
     #: How its refractive indices change with the wavelength [um^2], 0 not at all; `engine.spectral.dispersion`.
     dispersion: float = 0.0
+    #: 'BUMP', 'DISPLACEMENT' or 'BOTH': whether the graph's displacement bends normals, moves vertices, or does both.
+    displacement_method: str = "BUMP"
     user: str = ""
 
 
