@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.array_types import Int32Array
 from engine.scene.attribute_names import SMOOTH, UNDEFORMED, VERTEX_NORMALS
+from engine.scene.content import same_content
 from engine.scene.description import Attribute, Mesh
 
 from .attributes import read_attribute, read_uv_map
@@ -43,13 +44,16 @@ def export_mesh(
     number = context.mesh_counts[names] = context.mesh_counts.get(names, -1) + 1
     identity = (*names, number)
     kept = context.cache.meshes.get(identity)
-    if kept is not None and kept.request == request and _is_untouched(context, original):
+    diced = context.diced.get(original.as_pointer()) if request.displaces else None
+    if diced is None and kept is not None and kept.request == request and _is_untouched(context, original):
         kept.last_used = context.cache.export_count
         return kept.mesh
     exported = _read_mesh(context, mesh, request, vertex_groups)
     if exported is None:
         context.cache.meshes.pop(identity, None)
         return None
+    if diced is not None:
+        exported.dicing = diced.dicing(exported.vertices)
     if kept is not None and is_equal(kept.mesh, exported):
         exported = kept.mesh
     else:
@@ -62,7 +66,7 @@ def is_equal(a: Mesh, b: Mesh) -> bool:
     """Whether two meshes have the same content, keys aside."""
     if a.name != b.name or a.default_uv != b.default_uv or a.default_color != b.default_color:
         return False
-    if a.attributes.keys() != b.attributes.keys():
+    if a.attributes.keys() != b.attributes.keys() or not same_content(a.dicing, b.dicing):
         return False
     pairs: list[tuple[np.ndarray | None, np.ndarray | None]] = [
         (a.vertices, b.vertices),

@@ -62,7 +62,7 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
     if _is_culled(context.scene, shown):
         context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
     modifier = diced_modifier(context.scene, shown.original)
-    if modifier is not None:
+    if modifier is not None and shown.original.as_pointer() not in context.diced:
         level = context.subdivision_levels.get(shown.original.as_pointer())
         evenly = f"subdivided evenly, {level} times instead of {modifier.render_levels}"
         context.notice(

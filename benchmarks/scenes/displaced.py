@@ -19,6 +19,7 @@ from benchmarks.scenes.studio import (
     light,
     lit_stage,
     mesh,
+    quad,
     resolution,
     sphere,
     world,
@@ -132,3 +133,27 @@ def instances() -> None:
     plain = add_object("Plain", data, (0.0, 1.6, 1.0), (60, 0, 0))
     plain.material_slots[0].link = "OBJECT"
     plain.material_slots[0].material = diffuse((0.3, 0.5, 0.6))
+
+
+@scene("displaced-dunes")
+def dunes() -> None:
+    """A single face, diced by the size of a pixel, with dunes as far as the horizon."""
+    resolution()
+    camera((0.0, -6.0, 0.9), (0.0, 0.0, 0.2))
+    world((0.3, 0.4, 0.6))
+    light("SUN", 3.0, (3.0, 1.0, 1.5), angle=0.05)
+
+    def heights(nodes: Nodes) -> Socket:
+        place = nodes("TexCoord", output="Object")
+        wave = nodes("TexWave", {"bands_direction": "Y"}, Vector=place, Scale=0.4, Distortion=4.0, Detail=2.0)
+        high = nodes("Math", {"operation": "MULTIPLY"}, inputs={0: noise(nodes, "Object", 0.2), 1: 1.5})
+        both = nodes("Math", {"operation": "ADD"}, inputs={0: wave, 1: high})
+        return nodes("Displacement", Height=both, Midlevel=1.0, Scale=0.3)
+
+    data = quad("Dunes", displaced(heights, color=(0.8, 0.6, 0.35)), 60.0, 60.0)
+    modifier = add_object("Dunes", data, (0.0, 20.0, 0.0)).modifiers.new("Subdivision", "SUBSURF")
+    modifier.subdivision_type, modifier.render_levels = "SIMPLE", 11
+    if hasattr(modifier, "use_adaptive_subdivision"):
+        modifier.use_adaptive_subdivision = True
+    else:
+        modifier.render_levels = 8

@@ -22,6 +22,12 @@ def face_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return normals
 
 
+def unit_vectors(vectors: np.ndarray) -> Float32Array:
+    """Vectors along the last axis, of length 1; 0 where they are 0."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0).astype(np.float32)
+
+
 def vertex_normals(vertices: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Unit mean of the normals of the triangles around each vertex, all alike; 0 where there are none."""
     corners = triangles.reshape(-1)
@@ -65,9 +71,7 @@ def displaced_normals(
     else:
         turn = vertex_normals(after, triangles, faces)
         turn -= vertex_normals(before, triangles, face_normals(before, triangles))
-        turned = corner_normals + turn[triangles]
-        lengths = np.linalg.norm(turned, axis=2, keepdims=True)
-        normals = np.divide(turned, lengths, out=np.zeros_like(turned), where=lengths > 0.0).astype(np.float32)
+        normals = unit_vectors(corner_normals + turn[triangles])
     is_smooth = mesh.attributes.get(SMOOTH)
     if is_smooth is not None:
         is_flat = is_smooth.data[:, 0] == 0.0

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.array_types import Float32Array, Int64Array
-from engine.builder.displaced_normals import displaced_normals, face_normals
+from engine.builder.dicing import dice_meshes
+from engine.builder.displaced_normals import displaced_normals, face_normals, unit_vectors
 from engine.builder.geometry import build_geometry
 from engine.builder.programs import Programs
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.attribute_names import SMOOTH, UNDISPLACED, UNDISPLACED_NORMALS, VERTEX_NORMALS
-from engine.scene.content import Versions
+from engine.scene.content import Kept, Versions
 from engine.scene.description import Attribute, Instances, Mesh, Notice, SceneDescription
 from engine.scene.instances import select_instances
 from engine.shaders.compiled_program import CompiledProgram
@@ -40,6 +41,12 @@ class KeptDisplacements:
         self.versions = Versions()
         self.meshes: dict[Hashable, tuple[Mesh, list[Notice]]] = {}
         self._next = 0
+        self._undiced = Versions()
+        self._diced: Kept[list[Mesh]] = Kept()
+
+    def diced(self, meshes: Sequence[Mesh], check_cancel: Callable[[], None]) -> list[Mesh]:
+        """Meshes divided as they ask to be: those at hand where none has changed."""
+        return self._diced.get(self._undiced.of(meshes), lambda: dice_meshes(meshes, check_cancel))
 
     def next_number(self) -> int:
         """A number that no earlier mesh has."""
@@ -49,6 +56,8 @@ class KeptDisplacements:
     def forget(self) -> None:
         """Let go of all meshes."""
         self.versions.forget()
+        self._undiced.forget()
+        self._diced.drop()
         self.meshes = {}
 
 
@@ -212,8 +221,10 @@ class _Evaluation:
             elif mesh.corner_normals is not None:
                 normals = mesh.corner_normals[at, corner]
             positions = finite.vertices[vertices[part]] @ owner.transform[0, :3, :3].T + owner.transform[0, :3, 3]
-            seen = _Seen(positions, _unit(flat @ to_object[:3, :3]), _unit(normals @ to_object[:3, :3]), at,
-                         _CORNERS[corner], program_of[at])  # fmt: skip
+            seen = _Seen(
+                positions, unit_vectors(flat @ to_object[:3, :3]), unit_vectors(normals @ to_object[:3, :3]), at,
+                _CORNERS[corner], program_of[at],
+            )  # fmt: skip
             found = self._look_up(geometry, seen)
             with np.errstate(invalid="ignore", over="ignore"):
                 offsets[part] = found @ to_object[:3, :3].T
@@ -313,7 +324,3 @@ def _smooth_normals(mesh: Mesh, corner_normals: np.ndarray) -> Float32Array:
         return corner_normals
     return (corner_normals * np.repeat(is_smooth.data, 3, axis=0)).astype(np.float32)
 
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)

@@ -213,7 +213,10 @@ def _displace(
     cache: SceneCache, description: SceneDescription, programs: Programs, attribute_names: Sequence[str],
     tables: BsdfTables, threads: int, check_cancel: Callable[[], None], notices: list[Notice],
 ) -> SceneDescription:
-    """The description with its meshes where their materials move them."""
+    """The description with its meshes divided, and where their materials move them."""
+    if any(mesh.dicing is not None for mesh in description.meshes):
+        description = replace(description, meshes=cache.displacements.diced(description.meshes, check_cancel))
+        check_memory(description)
     compiled = cache.programs.compiled
     moving = [compiled[number] for number in programs.displacement_programs if number >= 0]
     seen = programs.arrays.camera.tobytes() if any(program.sees_camera for program in moving) else b""
