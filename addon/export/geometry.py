@@ -7,12 +7,14 @@ import bpy
 import numpy as np
 
 from engine.array_types import Int32Array
-from engine.scene.description import UNDEFORMED, Attribute, Mesh
+from engine.scene.attribute_names import SMOOTH, UNDEFORMED, VERTEX_NORMALS
+from engine.scene.content import same_content
+from engine.scene.description import Attribute, Mesh
 
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
 from .materials import AttributeRequest
-from .normals import read_flat_triangles, read_normals
+from .normals import has_normals_of_corners, read_flat_triangles, read_normals, read_vertex_normals
 from .positions import read_positions, read_undeformed
 from .standard_attributes import is_hidden, is_standard, read_standard
 from .tangents import compute_tangents
@@ -42,13 +44,16 @@ def export_mesh(
     number = context.mesh_counts[names] = context.mesh_counts.get(names, -1) + 1
     identity = (*names, number)
     kept = context.cache.meshes.get(identity)
-    if kept is not None and kept.request == request and _is_untouched(context, original):
+    diced = context.diced.get(original.as_pointer()) if request.displaces else None
+    if diced is None and kept is not None and kept.request == request and _is_untouched(context, original):
         kept.last_used = context.cache.export_count
         return kept.mesh
     exported = _read_mesh(context, mesh, request, vertex_groups)
     if exported is None:
         context.cache.meshes.pop(identity, None)
         return None
+    if diced is not None:
+        exported.dicing = diced.dicing(exported.vertices)
     if kept is not None and is_equal(kept.mesh, exported):
         exported = kept.mesh
     else:
@@ -61,7 +66,7 @@ def is_equal(a: Mesh, b: Mesh) -> bool:
     """Whether two meshes have the same content, keys aside."""
     if a.name != b.name or a.default_uv != b.default_uv or a.default_color != b.default_color:
         return False
-    if a.attributes.keys() != b.attributes.keys():
+    if a.attributes.keys() != b.attributes.keys() or not same_content(a.dicing, b.dicing):
         return False
     pairs: list[tuple[np.ndarray | None, np.ndarray | None]] = [
         (a.vertices, b.vertices),
@@ -109,7 +114,18 @@ def _read_mesh(
     context.check_cancel()
     exported.texture_space = np.array([mesh.texspace_location, mesh.texspace_size], np.float32)
     _add_attributes(context, mesh, request, vertex_groups, topology, exported)
+    if request.displaces:
+        _add_normals(mesh, topology, exported)
     return exported
+
+
+def _add_normals(mesh: bpy.types.Mesh, topology: Topology, exported: Mesh) -> None:
+    """What normals of a mesh that is to be displaced are made of."""
+    if not has_normals_of_corners(mesh):
+        exported.attributes[VERTEX_NORMALS] = Attribute("POINT", read_vertex_normals(mesh))
+    if exported.corner_normals is not None:
+        is_smooth = ~read_flat_triangles(mesh, topology)
+        exported.attributes[SMOOTH] = Attribute("FACE", is_smooth.astype(np.float32)[:, None])
 
 
 def _read_material_slots(mesh: bpy.types.Mesh, topology: Topology) -> Int32Array:

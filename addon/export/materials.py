@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -31,7 +31,7 @@ class AttributeRequest:
     `names` are attributes ('' the active colour), `tangents` UV maps ('' the active one), `properties` those of the
     object ("object:name") or of its instancer first ("instancer:name"); `generated` whether undeformed coordinates
     are of use, `instancer` whether those of the instancer are, `smooth` whether voxels matter further away than to the
-    next.
+    next, `displaces` whether a mesh is displaced.
     """
 
     names: frozenset[str] = frozenset()
@@ -40,6 +40,7 @@ class AttributeRequest:
     generated: bool = False
     instancer: bool = False
     smooth: bool = False
+    displaces: bool = False
 
     def __or__(self, other: AttributeRequest) -> AttributeRequest:
         return AttributeRequest(
@@ -49,6 +50,7 @@ class AttributeRequest:
             self.generated or other.generated,
             self.instancer or other.instancer,
             self.smooth or other.smooth,
+            self.displaces or other.displaces,
         )
 
 
@@ -122,7 +124,10 @@ class MaterialExporter:
         reads = {material.original.as_pointer(), *(self.graphs.reads if has_nodes else ())}
         kept = context.cache.materials[material.name_full] = CachedMaterial(
             exported,
-            attribute_request(exported.graph, has_smooth_voxels=exported.has_smooth_voxels),
+            replace(
+                attribute_request(exported.graph, has_smooth_voxels=exported.has_smooth_voxels),
+                displaces=displaces(exported),
+            ),
             None if has_nodes and self.graphs.reads_more else frozenset(reads),
             tuple(self.images.met[met:]),
             tuple(context.notices[noticed:]),
@@ -148,6 +153,7 @@ class MaterialExporter:
             use_transparent_shadow=bool(read_setting(material, "use_transparent_shadow")),
             has_smooth_voxels=_has_smooth_voxels(material, graph),
             emission_sampling=_emission_sampling(material),
+            displacement_method=_displacement_method(material, graph),
             dispersion=context.finite(dispersion, 0.0, f"Material {material.name}", "Dispersion"),
             user=user,
         )
@@ -185,6 +191,8 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
             names.add(node.properties["layer_name"])
         elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":
             tangents.add(node.properties["uv_map"])
+        elif node.kind == "ShaderNodeVectorDisplacement" and node.properties["space"] == "TANGENT":
+            tangents.add("")
         elif node.kind == "ShaderNodeTangent" and node.properties["direction_type"] == "UV_MAP":
             tangents.add(node.properties["uv_map"])
         elif node.kind == "ShaderNodeTangent":
@@ -226,6 +234,19 @@ def _has_smooth_voxels(material: bpy.types.Material, graph: NodeGraph | None) ->
     """Whether what is inside interpolates voxels by cubic splines."""
     has_volume = graph is not None and graph.volume is not None
     return has_volume and cycles_property(material, "volume_interpolation", "LINEAR") == "CUBIC"
+
+
+def displaces(material: Material) -> bool:
+    """Whether a material moves vertices."""
+    return material.displacement_method != "BUMP"
+
+
+def _displacement_method(material: bpy.types.Material, graph: NodeGraph | None) -> str:
+    """What becomes of a displacement, where there is one; Blender and Cycles had different names for it."""
+    if graph is None or graph.displacement is None:
+        return "BUMP"
+    method = str(read_setting(material, "displacement_method"))
+    return "DISPLACEMENT" if method == "TRUE" else method
 
 
 def _emission_sampling(material: bpy.types.Material) -> str:

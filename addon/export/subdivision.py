@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive subdivision: until meshes are diced, their level is what the picture can show of it, not the modifier's.
+"""Adaptive subdivision: the level of meshes is what the picture can show of it, not the modifier's.
 
 Cycles dices such meshes itself, and does not read the modifier's level: files have levels for which there is no memory.
+Meshes that their materials displace are diced here too: Blender gives a level at which they are round, and the engine
+divides what is still long in the picture.
 Since version 5.0 Blender subdivides a mesh when somebody first asks for it. Before that the level is changed in the
 evaluated copy of the modifier, from which nothing comes back into the file.
 """
@@ -18,6 +20,7 @@ from engine.scene.description import Frame
 
 from ..versions import SETTINGS, is_since, read_setting
 from .context import ExportContext, cycles_property
+from .dicing import DicedObject, dicing_view, rate_of
 
 #: Faces that any mesh may have.
 _FEWEST_FACES = 1 << 16
@@ -47,6 +50,7 @@ def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: F
         Original.
     """
     context.subdivision_levels.clear()
+    context.diced.clear()
     if context.depsgraph.mode != "RENDER" or not is_since(SETTINGS["use_adaptive_subdivision"].since):
         return
     camera = cycles_property(context.scene, "dicing_camera", None) or camera_object
@@ -58,10 +62,25 @@ def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: F
         if modifier is None:
             continue
         context.check_cancel()
-        level = _visible_level(context, item, modifier, camera, frame)
-        if level < modifier.render_levels:
+        is_diced = _may_displace(item)
+        level = _visible_level(context, item, modifier, camera, frame, 0.0 if is_diced else _FACES_PER_PLACE)
+        if is_diced:
+            most = max(int(cycles_property(context.scene, "max_subdivisions", 12)) - level, 0)
+            view = None
+            if modifier.adaptive_space != "OBJECT":
+                view = dicing_view(context.scene, context.depsgraph, camera, frame)
+            to_world = np.array(item.matrix_world, np.float64)
+            found = DicedObject(view, rate_of(context.scene, modifier), to_world, most)
+            context.diced[item.original.as_pointer()] = found
+        if is_diced or level < modifier.render_levels:
             context.subdivision_levels[item.original.as_pointer()] = level
     apply_levels(context)
+
+
+def _may_displace(item: bpy.types.Object) -> bool:
+    """Whether some material of an object has its way to move vertices set."""
+    materials = (slot.material for slot in item.material_slots)
+    return any(one is not None and read_setting(one, "displacement_method") != "BUMP" for one in materials)
 
 
 def apply_levels(context: ExportContext) -> None:
@@ -87,9 +106,10 @@ def _read_at_level(context: ExportContext, item: bpy.types.Object, modifier: Any
 
 
 def _visible_level(
-    context: ExportContext, item: bpy.types.Object, modifier: Any, camera: bpy.types.Object, frame: Frame
+    context: ExportContext, item: bpy.types.Object, modifier: Any, camera: bpy.types.Object, frame: Frame,
+    faces_per_place: float,
 ) -> int:
-    """How many times the picture can show a mesh's faces divided, at the dicing rate."""
+    """How many times the picture can show a mesh's faces divided, at the dicing rate, for so many faces a place."""
     mesh = _read_at_level(context, item, modifier, 0)
     try:
         positions = np.empty(3 * len(mesh.vertices), np.float32)
@@ -102,16 +122,15 @@ def _visible_level(
     if corner_count == 0 or len(edges) == 0 or not np.isfinite(positions).all():
         return 1
     ends = positions.reshape(-1, 3)[edges.reshape(-1, 2)].astype(np.float64)
-    rate = float(cycles_property(context.scene, "dicing_rate", 1.0))
     places = float(frame.width * frame.height)
+    rate = rate_of(context.scene, modifier)
     if modifier.adaptive_space == "OBJECT":
-        longest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / (rate * modifier.adaptive_object_edge_length)
+        longest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / max(rate, 1e-12)
     else:
-        rate = max(0.1, rate * modifier.adaptive_pixel_size)
         longest = _longest_edge(context, ends, np.array(item.matrix_world, np.float64), camera, frame) / rate
         places /= max(rate, 1.0) ** 2
     # Each corner becomes a face, and each face four.
-    most = 1.0 + math.log(max(_FACES_PER_PLACE * places, _FEWEST_FACES) / corner_count, 4.0)
+    most = 1.0 + math.log(max(faces_per_place * places, _FEWEST_FACES) / corner_count, 4.0)
     needed = math.ceil(math.log2(max(longest, 1.0)))
     # Once at least: without any subdivision the level that Blender has taken note of would stay.
     return max(1, min(needed, math.floor(most), int(cycles_property(context.scene, "max_subdivisions", 12))))

@@ -62,7 +62,7 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
     if _is_culled(context.scene, shown):
         context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
     modifier = diced_modifier(context.scene, shown.original)
-    if modifier is not None:
+    if modifier is not None and shown.original.as_pointer() not in context.diced:
         level = context.subdivision_levels.get(shown.original.as_pointer())
         evenly = f"subdivided evenly, {level} times instead of {modifier.render_levels}"
         context.notice(
@@ -79,8 +79,6 @@ def notice_material(
         return
     if is_since(ANISOTROPIC_TRANSMISSION) and any(_is_anisotropic_glass(node) for node in graph.nodes):
         context.notice(subject, "anisotropic transmission is not supported", "glass as rough in all directions")
-    if graph.displacement is not None and read_setting(material, "displacement_method") != "BUMP":
-        context.notice(subject, "displacement of the geometry is not supported", "its bump alone")
 
 
 def _is_anisotropic_glass(node: Node) -> bool:

@@ -8,6 +8,7 @@ from benchmarks.scenes import (
     cameras,
     clamped,
     closures,
+    displaced,
     failing_media,
     failures,
     furnished,
@@ -24,6 +25,6 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "failing_media", "failures", "furnished",
-    "geometry", "lights", "limits", "media", "motion", "principled", "rooms", "spectral", "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
+    "furnished", "geometry", "lights", "limits", "media", "motion", "principled", "rooms", "spectral", "textures",
 ]  # fmt: skip

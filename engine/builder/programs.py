@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from engine.array_types import Float32Array, Int32Array
 from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
 from engine.kernels.bsdf import BsdfTables
-from engine.scene.description import Link, Node, NodeGraph, Notice, SceneDescription
+from engine.scene.description import Link, Material, Node, NodeGraph, Notice, SceneDescription
 from engine.shaders.aov_columns import aov_columns
 from engine.shaders.compiled_program import AovColumns, ProgramSource
 from engine.shaders.compiler import compile_programs
@@ -60,6 +60,8 @@ class Programs:
     default_program: int
     world_program: int
     light_programs: Int32Array
+    #: Of each material, -1 = none: what it moves vertices by.
+    displacement_programs: Int32Array
     description: SceneDescription
 
     def program_info(self) -> ProgramInfo:
@@ -175,6 +177,7 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
             has_smooth_voxels=material.has_smooth_voxels,
             use_transparent_shadow=material.use_transparent_shadow,
             aovs=asked_of(material.graph),
+            displacement_method=material.displacement_method,
         )
         for material in description.materials
     ]
@@ -196,8 +199,22 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
         if light.graph is not None:
             light_programs[index] = len(sources)
             sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT"))
+    displacement_programs = np.full(len(description.materials), -1, np.int32)
+    for index, material in enumerate(description.materials):
+        if displaces(material):
+            displacement_programs[index] = len(sources)
+            sources.append(replace(sources[index], kind="DISPLACEMENT", aovs=()))
     arrays, attribute_names, notices = compile_programs(
         sources, description.images, camera_matrices(description.camera, description.frame), description.to_xyz,
         cache, frozenset(name for mesh in description.meshes for name in mesh.grids),
     )
-    return Programs(arrays, attribute_names, notices, default_program, world_program, light_programs, description)
+    return Programs(
+        arrays, attribute_names, notices, default_program, world_program, light_programs, displacement_programs,
+        description,
+    )
+
+
+def displaces(material: Material) -> bool:
+    """Whether a material moves vertices."""
+    has_displacement = material.graph is not None and material.graph.displacement is not None
+    return has_displacement and material.displacement_method != "BUMP"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -16,6 +16,7 @@ from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRAN
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
+from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map
 from engine.builder.geometry import GeometryCache, build_geometry
@@ -25,8 +26,9 @@ from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.builder.same_place import SamePlace, find_same_place
 from engine.kernels.bsdf import BsdfTables, load_tables
+from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.content import Kept, Versions
-from engine.scene.description import UNDEFORMED, VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
+from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_light_groups, check_memory
 from engine.settings import RenderSettings
@@ -84,6 +86,7 @@ class SceneCache:
     def __init__(self, *, expects_moves: bool = False) -> None:
         self.programs = ProgramCache()
         self.geometry = GeometryCache(expects_moves=expects_moves)
+        self.displacements = KeptDisplacements()
         self.placed_meshes = Versions()
         self.same_place: Kept[SamePlace] = Kept()
         self.marked_geometry: Kept[GeometryArrays] = Kept()
@@ -197,6 +200,34 @@ def _build_lights(
     return cache.lights.get(key, build)
 
 
+def _attribute_names(description: SceneDescription, programs: Programs) -> tuple[str, ...]:
+    """Attribute slots in the order the programs number them."""
+    # Programs ask for a mesh's default UV map and colour without knowing their names, and for undeformed positions.
+    defaults = {name for mesh in description.meshes for name in (mesh.default_uv, mesh.default_color) if name}
+    if any(UNDEFORMED in mesh.attributes for mesh in description.meshes):
+        defaults.add(UNDEFORMED)
+    return (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
+
+
+def _displace(
+    cache: SceneCache, description: SceneDescription, programs: Programs, attribute_names: Sequence[str],
+    tables: BsdfTables, threads: int, check_cancel: Callable[[], None], notices: list[Notice],
+) -> SceneDescription:
+    """The description with its meshes divided, and where their materials move them."""
+    if any(mesh.dicing is not None for mesh in description.meshes):
+        description = replace(description, meshes=cache.displacements.diced(description.meshes, check_cancel))
+        check_memory(description)
+    compiled = cache.programs.compiled
+    moving = [compiled[number] for number in programs.displacement_programs if number >= 0]
+    seen = programs.arrays.camera.tobytes() if any(program.sees_camera for program in moving) else b""
+    displaced, found = displace_meshes(
+        description, programs, compiled, (cache.programs.images.version, seen), cache.displacements, tables,
+        attribute_names=attribute_names, threads=threads or os.cpu_count() or 1, check_cancel=check_cancel,
+    )  # fmt: skip
+    notices += found
+    return displaced
+
+
 def _draw_apart(cache: SceneCache, description: SceneDescription) -> SceneDescription:
     """The description with boundaries of media drawn apart from what they touch."""
     compiled = cache.programs.compiled[: len(description.materials)]
@@ -275,14 +306,12 @@ def build_scene(
     notices = list(description.notices)
     programs = compile_scene(description, cache.programs)
     notices += programs.notices
-    # Programs ask for a mesh's default UV map and colour without knowing their names, and for undeformed positions.
-    defaults = {name for mesh in description.meshes for name in (mesh.default_uv, mesh.default_color) if name}
-    if any(UNDEFORMED in mesh.attributes for mesh in description.meshes):
-        defaults.add(UNDEFORMED)
-    attribute_names = (*programs.attribute_names, *sorted(defaults.difference(programs.attribute_names)))
+    attribute_names = _attribute_names(description, programs)
 
     check_cancel()
-    apart = _draw_apart(cache, description)
+    tables = load_tables()
+    displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
+    apart = _draw_apart(cache, displaced)
     geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
@@ -295,13 +324,13 @@ def build_scene(
     check_cancel()
     shaders = programs.arrays
     slot_counts = cache.geometry.slot_counts
-    tables = load_tables()
     media = _build_media(cache, apart, programs, geometry, tables)
     if not keeps_meshes:
         # Media that vary have asked for the boxes of theirs.
         cache.placed_meshes.forget()
-        cache.geometry.give_up([*description.meshes, *apart.meshes])
-    del apart
+        cache.displacements.forget()
+        cache.geometry.give_up([*description.meshes, *displaced.meshes, *apart.meshes])
+    del apart, displaced
     masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.

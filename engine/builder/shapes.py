@@ -11,7 +11,8 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
 from engine.builder.grids import build_grids
 from engine.builder.motion import MOST_KEYS
-from engine.scene.description import UNDEFORMED, Mesh, Notice
+from engine.scene.attribute_names import UNDEFORMED
+from engine.scene.description import Mesh, Notice
 from engine.state import geometry as layout
 from engine.state.grids import GridArrays
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Uint32Array
+from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -28,9 +29,6 @@ VISIBLE_TRANSMISSION = 8
 VISIBLE_VOLUME = 16
 VISIBLE_SHADOW = 32
 VISIBLE_ALL = 63
-
-#: The attribute of positions before deformation.
-UNDEFORMED = "__undeformed"
 
 
 @dataclass(frozen=True)
@@ -132,6 +130,8 @@ class Material:
     emission_sampling: str = "AUTO"
     #: How its refractive indices change with the wavelength [um^2], 0 not at all; `engine.spectral.dispersion`.
     dispersion: float = 0.0
+    #: 'BUMP', 'DISPLACEMENT' or 'BOTH': whether the graph's displacement bends normals, moves vertices, or does both.
+    displacement_method: str = "BUMP"
     user: str = ""
 
 
@@ -187,26 +187,24 @@ class Mesh:
     triangles : uint32 (T, 3)
     corner_normals : float32 (T, 3, 3) or None
         Unit split normals; None where every face is flat.
-    material_slots : int32 (T,)
-        Index into the material list of the instance.
+    material_slots : int32 (T,), index into the material list of the instance
     attributes : dict
         By name; UV maps are `CORNER` attributes of width 2, tangents for map `X` are `'X.tangent'`, width 4
         (`'.tangent'` for the render-active map where a node names none). `'standard:name'` is what Cycles has under a
-        name of its own ('standard:N'). `UNDEFORMED` are positions before deformation, width 3, where they differ, for
-        Generated coordinates.
+        name of its own ('standard:N'). Names of the engine's own are in `engine.scene.attribute_names`.
     default_uv, default_color : str
         Names of the render-active UV map and colour attribute, '' if none.
     texture_space : float32 (2, 3)
         Centre and half size of Blender's texture space, for Generated coordinates.
     motion_vertices : float32 (S, V, 3) or None
-        Where the vertices are at S evenly spaced times from the shutter's opening to its closing, two or more; None
-        where the mesh keeps its shape. `vertices` are those at the middle.
+        Vertices at S evenly spaced times from the shutter's opening to its closing, two or more; None: always the same.
     motion_normals : float32 (S, T, 3, 3) or None
         `corner_normals` at these times; None where every face is flat.
     grids : dict
         Voxels of a volume, by the name that Attribute nodes have for them; the triangles are a box around them.
     volume_motion : VolumeMotion or None
         How what is in `grids` moves while the shutter is open; the box is around all of it.
+    dicing : Dicing or None
     """
 
     key: Hashable
@@ -223,6 +221,7 @@ class Mesh:
     motion_normals: Float32Array | None = None
     grids: dict[str, Grid] = field(default_factory=dict)
     volume_motion: VolumeMotion | None = None
+    dicing: Dicing | None = None
 
 
 @dataclass

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +41,22 @@ def plain_instances(
         name=[name] * count,
         dupli_generated=np.zeros((count, 3), np.float32),
         dupli_uv=np.zeros((count, 2), np.float32),
+    )
+
+
+def select_instances(instances: Instances, rows: npt.NDArray[np.integer]) -> Instances:
+    """These instances alone, in this order; their materials stay where they are."""
+    number_of = {int(row): number for number, row in enumerate(rows)}
+    whole = ("materials", "name", "asset", "motion", "properties")
+    columns = {item.name: getattr(instances, item.name) for item in fields(instances) if item.name not in whole}
+    chosen: dict[str, Any] = {name: None if column is None else column[rows] for name, column in columns.items()}
+    return replace(
+        instances,
+        **chosen,
+        name=[instances.name[row] for row in rows],
+        asset=None if instances.asset is None else [instances.asset[row] for row in rows],
+        motion={number_of[row]: steps for row, steps in instances.motion.items() if row in number_of},
+        properties={name: values[rows] for name, values in instances.properties.items()},
     )
 
 

@@ -80,6 +80,22 @@ def check_memory(description: SceneDescription) -> None:
         )
 
 
+def check_memory_of(triangles: int, subject: str) -> None:
+    """Refuse so many triangles, before they are made, if this machine cannot hold them.
+
+    Raises
+    ------
+    ValueError
+        Saying how many it would be of `subject`, and what to do.
+    """
+    needed, there = resident_memory() + triangles * _BYTES_PER_TRIANGLE, usable_memory() + swap_memory()
+    if needed > there:
+        raise ValueError(
+            f"{subject} would be about {triangles:,} triangles, which need {needed / 2**30:.1f} GiB of memory, and "
+            f"this machine has {there / 2**30:.1f}: raise the dicing rate or lower Max Subdivisions"
+        )
+
+
 def check_film(frame: Frame, sums: int, channels: int) -> None:
     """Refuse a picture whose passes this machine cannot hold.
 

@@ -81,7 +81,9 @@ def shader_arrays(
         camera=camera,
         register_count=np.array([register_count], np.int64),
     )
-    varying = [row for row, program in enumerate(compiled) if program.emission is None]
+    varying = [
+        row for row, program in enumerate(compiled) if program.emission is None and sources[row].kind != "DISPLACEMENT"
+    ]
     if varying:
         kinds = [sources[row].kind for row in varying]
         estimates = estimate_emission(shaders, varying, kinds, len(pools.attribute_names))

@@ -56,7 +56,7 @@ class ProgramSource:
     graph : NodeGraph or None
         None: grey diffuse for a material, `color` as emission for a world, plain white emission for a light.
     kind : str
-        'MATERIAL', 'WORLD' or 'LIGHT'.
+        'MATERIAL', 'WORLD' or 'LIGHT'; 'DISPLACEMENT': what a material moves vertices by, as emission.
     dispersion : float  [um^2]
         0 where it is not finite.
     """
@@ -70,6 +70,8 @@ class ProgramSource:
     use_transparent_shadow: bool = True
     has_smooth_voxels: bool = False
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    #: `Material.displacement_method`.
+    displacement_method: str = "BUMP"
     #: AOVs that the graph gives, if any.
     aovs: tuple[AovColumns, ...] = ()
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from engine.kernels.shader import light_path as lp
 from engine.kernels.shader import ops_input as ops
+from engine.scene.attribute_names import UNDISPLACED_NORMALS
 from engine.scene.description import Node
 from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
@@ -51,11 +52,15 @@ def read(opcode: int, type_: SocketType, *immediates: int) -> Callable[[Node, An
     return lambda node, builder: operation
 
 
+#: Instructions that find the displaced point by its barycentrics, not by its position.
+_BY_BARYCENTRICS = (ops.OP_GENERATED, ops.OP_OBJECT_NORMAL, ops.OP_PARAMETRIC)
+
+
 def displaced(opcode: int) -> Callable[[Node, Any], Operation]:
     """Output of an instruction `vector <- width | axis`."""
 
     def lower(node: Node, builder: Any) -> Operation:
-        width = Socket("", FLOAT, builder.filter_width)
+        width = Socket("", FLOAT, builder.filter_width if opcode in _BY_BARYCENTRICS else builder.position_width)
         return Operation(opcode, (width,), (Socket("", VECTOR),), (builder.axis,), is_varying=True)
 
     return lower
@@ -231,7 +236,11 @@ def _normal_map(node: Node, builder: Any) -> Operation:
     bits = ops.NORMAL_MAP_GREEN_DOWN if is_green_down else 0
     if flag(node, "has_unit_frame", True):
         bits |= ops.NORMAL_MAP_UNIT_FRAME
-    immediates = (space, tangent_slot, uv_slot, bits)
+    normal_slot = -1
+    is_bent = is_choice(node, builder, "base", "DISPLACED", "ORIGINAL", "ORIGINAL")
+    if space == 0 and builder.is_displaced and not is_bent:
+        normal_slot = builder.attribute_slot(UNDISPLACED_NORMALS)
+    immediates = (space, tangent_slot, uv_slot, bits, normal_slot)
     return Operation(ops.OP_NORMAL_MAP, inputs, (Socket("Normal", VECTOR),), immediates, is_varying=True)
 
 

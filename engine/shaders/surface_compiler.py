@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from engine.kernels.shader import ops_closure, ops_input
+from engine.kernels.shader import normal_ops, ops_closure, ops_displacement, ops_input
+from engine.scene.attribute_names import UNDISPLACED, VERTEX_NORMALS
 from engine.scene.description import Link, Node, NodeGraph
 from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
@@ -12,7 +13,7 @@ from engine.shaders.media import LEFT_OUT, VaryingError, fold_medium, is_shader
 from engine.shaders.medium import Medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
 from engine.shaders.pools import ScenePools
-from engine.shaders.program import Constant, Instruction, Value, is_zero
+from engine.shaders.program import Constant, Instruction, Register, Value, is_zero
 from engine.shaders.program_analysis import with_analysis
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
 from engine.shaders.varying_media import lower_medium
@@ -36,7 +37,8 @@ class SurfaceCompiler:
         self.source = source
         self._pools = pools
         self._graph = source.graph if source.graph is not None else NodeGraph()
-        self._values = NodeValues(source.name, self._graph, pools)
+        is_displaced = source.displacement_method != "BUMP" and self._graph.displacement is not None
+        self._values = NodeValues(source.name, self._graph, pools, is_displaced=is_displaced)
         self._arithmetic = self._values.arithmetic
         self._code = self._arithmetic.code
         #: Instructions that each mode runs for their effect.
@@ -49,10 +51,12 @@ class SurfaceCompiler:
         """Walk the graph from its surface output."""
         asked, notices = self._pools.begin()
         self._surface_link, self._volume_link = (
-            self._known(link, otherwise)
+            None if self.source.kind == "DISPLACEMENT" else self._known(link, otherwise)
             for link, otherwise in ((self._graph.surface, "no surface"), (self._graph.volume, LEFT_OUT))
         )
-        if self.source.graph is None:
+        if self.source.kind == "DISPLACEMENT":
+            self._offset()
+        elif self.source.graph is None:
             self._default_surface()
         else:
             self._displacement()
@@ -202,26 +206,64 @@ class SurfaceCompiler:
         Emission and transparency alone are evaluated with the undisplaced normal.
         """
         link = self._graph.displacement
-        if link is None or not self._values.exists(link, "the output"):
+        method = self.source.displacement_method
+        if link is None or method == "DISPLACEMENT" or not self._values.exists(link, "the output"):
             return
+        position = self._undisplace() if method == "BOTH" else None
+        heights = self._heights(link)
+        if position is None and len(set(heights)) <= 1:
+            return
+        slot = normal_ops.BUMPED_IN_WORLD if position is None else self._pools.attribute_slot(UNDISPLACED)
+        normal = NodeBuilder(self._values, -1).input(Socket("Normal", VECTOR, Implicit.NORMAL))
+        bumped: Value = normal
+        if len(set(heights)) > 1:
+            operands = (*heights, ONE, ONE, normal, Constant((0.1,)))
+            bump = Instruction(ops_input.OP_BUMP, operands, (3,), (0, slot))
+            bumped = self._code.append(bump)[0]
+        self._effect(ops_input.OP_SET_NORMAL, bumped)
+        if position is not None:
+            self._effect(ops_displacement.OP_SET_POSITION, position)
+            self._values.footprint_ratio = None
+        # What follows must read the point again.
+        self._values.forget()
+
+    def _heights(self, link: Link) -> list[Value]:
+        """Displacement along the normal, at the point and beside it; none where nothing is known of it."""
         builder = NodeBuilder(self._values, -1)
         builder.node = Node("displacement", self._graph.nodes[link.node].name)
         normal = builder.input(Socket("Normal", VECTOR, Implicit.NORMAL))
-        heights = []
+        heights: list[Value] = []
         for axis in (0, 1, 2):
             found = self._values.value(link, axis, 0.1)
             if found is None:
-                return
+                return []
             vector = self._arithmetic.convert(*found, VECTOR)
             heights.append(self._code.append(Instruction(ops_input.OP_DOT, (vector, normal), (1,)))[0])
-        if len(set(heights)) == 1:
-            return
-        operands = (*heights, ONE, ONE, normal, Constant((0.1,)))
-        bumped = self._code.append(Instruction(ops_input.OP_BUMP, operands, (3,), (0, 0)))[0]
-        index = self._code.append_effect(Instruction(ops_input.OP_SET_NORMAL, (bumped,), ()))
+        return heights
+
+    def _undisplace(self) -> Value:
+        """Put the point where it was before displacement, for the bump of what is finer; where it is now."""
+        slots = (self._pools.attribute_slot(UNDISPLACED), self._pools.attribute_slot(VERTEX_NORMALS))
+        index = self._code.append_effect(Instruction(ops_displacement.OP_UNDISPLACE, (), (3, 1), slots))
         self._roots[MODE_CLOSURES].append(index)
-        # What follows must read the point again.
+        self._values.footprint_ratio = Register(index, 1, 1)
         self._values.forget()
+        return Register(index, 0, 3)
+
+    def _effect(self, opcode: int, value: Value) -> None:
+        """Append an instruction that changes the point for the closures."""
+        index = self._code.append_effect(Instruction(opcode, (value,), ()))
+        self._roots[MODE_CLOSURES].append(index)
+
+    def _offset(self) -> None:
+        """What the displacement moves a vertex by, in the world: left where emission is."""
+        link = self._graph.displacement
+        if link is None or not self._values.exists(link, "the output"):
+            return
+        found = self._values.value(link, 0, 0.0)
+        if found is not None:
+            operands = (ONE, self._arithmetic.convert(*found, VECTOR), ONE)
+            self.add_closure(Instruction(ops_closure.OP_EMISSION, operands, ()), (MODE_EMISSION,))
 
 
 class _ClosureBuilder(NodeBuilder):

@@ -29,7 +29,6 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     "ShaderNodeMix": ("data_type", "factor_mode", "blend_type", "clamp_factor", "clamp_result"),
     # The switch for alpha belongs to the compositor.
     "ShaderNodeMixRGB": ("blend_type", "use_alpha", "use_clamp"),
-    # The base matters to displaced surfaces only, and displacement is reported.
     "ShaderNodeNormalMap": ("space", "uv_map", "convention", "base"),
     "ShaderNodeSeparateColor": ("mode",),
     "ShaderNodeTangent": ("direction_type", "axis", "uv_map"),
@@ -44,6 +43,7 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     "ShaderNodeTexWave": ("wave_type", "bands_direction", "rings_direction", "wave_profile"),
     "ShaderNodeTexWhiteNoise": ("noise_dimensions",),
     "ShaderNodeUVMap": ("from_instancer", "uv_map"),
+    "ShaderNodeVectorDisplacement": ("space",),
     "ShaderNodeVectorMath": ("operation",),
     "ShaderNodeVectorRotate": ("rotation_type", "invert"),
     "ShaderNodeVectorTransform": ("vector_type", "convert_from", "convert_to"),

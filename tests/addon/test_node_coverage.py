@@ -39,7 +39,7 @@ REPORTED = (
     "of lights", "'LIGHT'",
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
-WITHOUT_EFFECT = {("ShaderNodeBsdfPrincipled", "subsurface_method"), ("ShaderNodeNormalMap", "base")}
+WITHOUT_EFFECT = {("ShaderNodeBsdfPrincipled", "subsurface_method")}
 
 
 def known(kind: str) -> bool:

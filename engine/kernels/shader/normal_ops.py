@@ -5,6 +5,7 @@ import math
 
 from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.motion import direction_to_object, direction_to_world, point_to_object, point_to_world
+from engine.kernels.shader.ops_displacement import attribute_here, undisplaced_footprint
 from engine.kernels.shader.surface import (
     blended_object_normal,
     footprint_axis,
@@ -50,6 +51,10 @@ FROM_WORLD = 0
 FROM_OBJECT = 1
 FROM_CAMERA = 2
 
+#: Spaces of a bump.
+BUMPED_IN_WORLD = -2
+BUMPED_IN_OBJECT = -1
+
 
 @kernel
 def fresnel_dielectric(cos_o, eta):
@@ -65,10 +70,11 @@ def fresnel_dielectric(cos_o, eta):
 
 
 @kernel
-def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_slot, has_unit_frame):
+def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_slot, has_unit_frame, normal_slot):
     """Normal Map node: `color` as a normal in tangent, object or world space, blended by `strength`.
 
-    `has_unit_frame`: the normal between those of the corners is normalised, as from Blender 5.1 on.
+    `has_unit_frame`: the normal between those of the corners is normalised, as from Blender 5.1 on. `normal_slot`:
+    normals of a displaced mesh before, -1 = as they are.
     """
     ns = read_point(points, lane, POINT_NS)
     instance = points.integer[lane, POINT_INSTANCE]
@@ -85,6 +91,10 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
         if sign == 0.0:
             return ns
         normal = blended_object_normal(geometry, points, lane)
+        if normal_slot >= 0:
+            before, has_some = attribute_here(geometry, points, lane, normal_slot)
+            if has_some and dot(before, before) > 0.0:
+                normal = before
         if has_unit_frame:
             normal = normalize(normal)
         x *= strength
@@ -111,8 +121,10 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
 
 
 @kernel
-def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, in_object_space):
+def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, slot):
     """Bump node: the surface raised by height times distance, heights given at P and at its two displaced points.
+
+    `slot`: BUMPED_IN_*, or the slot of positions before displacement: raised in object space, as the surface was then.
 
     References: Mikkelsen 2010, "Bump Mapping Unparametrized Surfaces on the GPU"; `width` [footprint radii].
     """
@@ -125,10 +137,15 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, i
         return safe_normal(n, read_point(points, lane, POINT_NS))
     dx = footprint_axis(ng, 1)
     dy = footprint_axis(ng, 2)
-    if in_object_space != 0 and instance >= 0:
+    if slot != BUMPED_IN_WORLD and instance >= 0:
         n = unit_normal_to_object(geometry, instance, time, n)
         dx = direction_to_object(geometry, instance, time, dx)
         dy = direction_to_object(geometry, instance, time, dy)
+        if slot >= 0:
+            before = undisplaced_footprint(geometry, points, lane, slot, 1)
+            if dot(before, before) > 0.0:
+                dx = before
+                dy = undisplaced_footprint(geometry, points, lane, slot, 2)
     rx = cross(dy, n)
     ry = cross(n, dx)
     determinant = dot(dx, rx)
@@ -140,7 +157,7 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, i
         strength = max(strength, 0.0)
         raised = scale(raised, 1.0 / math.sqrt(squared))
         n = normalize(add(scale(raised, strength), scale(n, 1.0 - strength)))
-    if in_object_space != 0 and instance >= 0:
+    if slot != BUMPED_IN_WORLD and instance >= 0:
         n = unit_normal_to_world(geometry, instance, time, n)
     return safe_normal(n, read_point(points, lane, POINT_NS))
 

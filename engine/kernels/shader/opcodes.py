@@ -2,6 +2,7 @@
 """Ranges of opcodes. A group of instructions owns one range and numbers its opcodes in its own module."""
 
 INPUT_FIRST = 0  # engine/kernels/shader/ops_input.py
+DISPLACEMENT_FIRST = 80  # engine/kernels/shader/ops_displacement.py, run by that
 CLOSURE_FIRST = 100  # engine/kernels/shader/ops_closure.py
 VOLUME_FIRST = 170  # engine/kernels/shader/ops_volume.py, run as closures
 IMAGE_FIRST = 200  # engine/kernels/shader/ops_image.py

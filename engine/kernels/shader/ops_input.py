@@ -10,11 +10,12 @@ import math
 from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from engine.kernels.memory import read3, write3
-from engine.kernels.motion import direction_to_world, point_to_world
+from engine.kernels.motion import point_to_world
 from engine.kernels.shader.grids import sample_alpha, sample_grid
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
 from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, vector_transform
-from engine.kernels.shader.opcodes import INPUT_FIRST
+from engine.kernels.shader.opcodes import DISPLACEMENT_FIRST, INPUT_FIRST
+from engine.kernels.shader.ops_displacement import run_displacement_op
 from engine.kernels.shader.surface import (
     displaced_barycentrics,
     displaced_position,
@@ -85,15 +86,14 @@ OP_LIGHT_PATH = INPUT_FIRST + 24  # float <- | LIGHT_PATH_*
 OP_OBJECT_VECTOR = INPUT_FIRST + 25  # vector <- | 0 = location, 1 = colour
 OP_OBJECT_FLOAT = INPUT_FIRST + 26  # float <- | OBJECT_*
 OP_CAMERA_DATA = INPUT_FIRST + 27  # vector, depth, distance <-
-OP_NORMAL_MAP = INPUT_FIRST + 30  # normal <- color, strength | space, tangent slot, uv slot (-1: render), NORMAL_*
-OP_BUMP = INPUT_FIRST + 31  # normal <- h, hx, hy, strength, distance, normal, width | invert, in object space
+OP_NORMAL_MAP = INPUT_FIRST + 30  # normal <- color, strength | space, tangent slot, uv slot (-1: render), bits, slot
+OP_BUMP = INPUT_FIRST + 31  # normal <- h, hx, hy, strength, distance, normal, width | invert, BUMPED_*
 OP_TANGENT = INPUT_FIRST + 32  # tangent <- | 0..2 radial axis or 3 = UV, tangent slot, uv slot
 OP_FRESNEL = INPUT_FIRST + 33  # fac <- ior, normal
 OP_LAYER_WEIGHT = INPUT_FIRST + 34  # fresnel, facing <- blend, normal
 OP_VECTOR_TRANSFORM = INPUT_FIRST + 35  # vector <- vector | type, from, to
 OP_LIGHT_FALLOFF = INPUT_FIRST + 36  # quadratic, linear, constant <- strength, smooth
 OP_SET_NORMAL = INPUT_FIRST + 37  # <- normal (displacement as bump: the point's shading normal from here on)
-OP_DISPLACEMENT = INPUT_FIRST + 38  # vector <- height, midlevel, scale, normal | in object space
 OP_DOT = INPUT_FIRST + 39  # float <- a, b
 OP_GRID = INPUT_FIRST + 40  # vector, fac, alpha <- default | slot, by splines; within a volume
 
@@ -358,6 +358,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
             code[pc + 6],
             uv_slot,
             code[pc + 8] & NORMAL_MAP_UNIT_FRAME,
+            code[pc + 9],
         )
         write3(memory, code[pc + 2], n)
     elif opcode == OP_BUMP:
@@ -443,15 +444,8 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         memory[code[pc + 2]] = min(max(memory[code[pc + 3]], 0.0), 1.0)
     elif opcode == OP_DOT:
         memory[code[pc + 2]] = dot(read3(memory, code[pc + 3]), read3(memory, code[pc + 4]))
-    elif opcode == OP_DISPLACEMENT:
-        n = read3(memory, code[pc + 6])
-        height = (memory[code[pc + 3]] - memory[code[pc + 4]]) * memory[code[pc + 5]]
-        instance = points.integer[lane, POINT_INSTANCE]
-        if code[pc + 7] != 0 and instance >= 0:
-            time = points.real[lane, POINT_TIME]
-            n = unit_normal_to_object(geometry, instance, time, n)
-            n = direction_to_world(geometry, instance, time, n)
-        write3(memory, code[pc + 2], scale(n, height))
+    elif opcode >= DISPLACEMENT_FIRST:
+        run_displacement_op(opcode, code, pc, memory, geometry, points, lane)
     elif opcode == OP_SET_NORMAL:
         n = safe_normal(read3(memory, code[pc + 2]), read_point(points, lane, POINT_NS))
         points.real[lane, POINT_NS] = n[0]

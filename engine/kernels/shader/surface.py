@@ -119,6 +119,24 @@ def displaced_barycentrics(geometry, points, lane, axis, width):
 
 
 @kernel
+def barycentric_slopes(geometry, points, lane, axis):
+    """How barycentrics grow along the footprint's unit axis [1/m]; backwards on back faces."""
+    instance = points.integer[lane, POINT_INSTANCE]
+    e1, e2 = edges(geometry, instance, points.integer[lane, POINT_TRIANGLE], points.real[lane, POINT_TIME])
+    d = footprint_axis(read_point(points, lane, POINT_NG), axis)
+    a = dot(e1, e1)
+    b = dot(e1, e2)
+    c = dot(e2, e2)
+    determinant = a * c - b * b
+    if not determinant > 0.0:
+        return 0.0 * a, 0.0 * a
+    d1 = dot(e1, d)
+    d2 = dot(e2, d)
+    sign = -1.0 if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING else 1.0
+    return sign * (c * d1 - b * d2) / determinant, sign * (a * d2 - b * d1) / determinant
+
+
+@kernel
 def attribute_component(geometry, offset, stride, i0, i1, i2, u, v, component):
     """One interpolated component; `offset` in floats, rows of `stride` floats."""
     data = geometry.attribute_data

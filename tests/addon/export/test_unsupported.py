@@ -79,8 +79,6 @@ def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
 
 
 CASES = {
-    "displacement": (lambda scene: displace(scene, "DISPLACEMENT"), "Plane / Paint", "displacement of the geometry"),
-    "displacement-and-bump": (lambda scene: displace(scene, "BOTH"), "Plane / Paint", "displacement of the geometry"),
     "light-linking": (lambda scene: link_light(scene, "receiver_collection"), "Lamp", "light linking"),
     "shadow-linking": (lambda scene: link_light(scene, "blocker_collection"), "Lamp", "shadow linking"),
     "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
@@ -108,8 +106,9 @@ def notices(scene: Any) -> list[Any]:
     return description.notices + compile_scene(description).notices
 
 
-def test_the_plain_scene_has_no_notices(scene: Any) -> None:
-    displace(scene, "BUMP")
+@pytest.mark.parametrize("method", ["BUMP", "DISPLACEMENT", "BOTH"])
+def test_the_plain_scene_has_no_notices(scene: Any, method: str) -> None:
+    displace(scene, method)
     assert notices(scene) == []
 
 

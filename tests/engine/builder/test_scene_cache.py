@@ -15,8 +15,8 @@ import pytest
 from engine.builder.scene import Scene, SceneCache, build_scene
 from engine.render.session import Session
 from engine.scene import description as contract
+from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import (
-    UNDEFORMED,
     VISIBLE_ALL,
     VISIBLE_CAMERA,
     Aov,

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names of attributes that no host has: what the engine itself reads of meshes."""
+
+#: Positions before deformation, POINT.
+UNDEFORMED = "__undeformed"
+#: Of meshes that their materials displace: normals of vertices over all faces around them, POINT, where Cycles has such
+#: (where it has normals of corners there are none); and which triangles are smooth, FACE, 1 or 0.
+VERTEX_NORMALS = "__vertex_normals"
+SMOOTH = "__smooth"
+#: What a displaced mesh had before, for materials that ask: positions, POINT, and normals, CORNER, 0 on flat faces.
+UNDISPLACED = "__undisplaced"
+UNDISPLACED_NORMALS = "__undisplaced_normals"
