@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Uint32Array
 from engine.scene.grids import Grid, VolumeMotion
+from engine.scene.rounds import Rounds
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
 
 VISIBLE_CAMERA = 1
@@ -46,7 +46,6 @@ class Notice:
     fallback: str
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Materials: a host-neutral node graph, compiled by `engine.shaders.compiler`.
 
 
@@ -160,7 +159,6 @@ class Image:
     folder: str = ""
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Geometry
 
 
@@ -207,6 +205,8 @@ class Mesh:
         Voxels of a volume, by the name that Attribute nodes have for them; the triangles are a box around them.
     volume_motion : VolumeMotion or None
         How what is in `grids` moves while the shutter is open; the box is around all of it.
+    rounds : Rounds or None
+        What `triangles` are where they are none: segments of curves, or spheres.
     """
 
     key: Hashable
@@ -223,6 +223,7 @@ class Mesh:
     motion_normals: Float32Array | None = None
     grids: dict[str, Grid] = field(default_factory=dict)
     volume_motion: VolumeMotion | None = None
+    rounds: Rounds | None = None
 
 
 @dataclass
@@ -259,7 +260,6 @@ class Instances:
     properties: dict[str, Float32Array] = field(default_factory=dict)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Lights: Blender's units; engine.builder.lamps converts.
 
 
@@ -340,7 +340,6 @@ class World:
     light_group: int = -1
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Camera and frame
 
 
@@ -395,7 +394,6 @@ class Frame:
     exposure: float = 1.0  # film exposure: a factor on radiance
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Passes
 
 
