@@ -137,7 +137,6 @@ def prepare_round(geometry, points, lane, u, v, origin, direction, distance, tim
     if not is_baked:
         stored = point_to_object(geometry, instance, time, p)
         along = normalize(direction_to_object(geometry, instance, time, direction))
-    wo = scale(direction, -1.0)
     tangent = scale(direction, 0.0)
     if shape == SHAPE_SPHERES:
         ns = normalize(subtract(p, centre_of(geometry, instance, row, time)))
@@ -151,12 +150,12 @@ def prepare_round(geometry, points, lane, u, v, origin, direction, distance, tim
             ns = normalize(normal_to_world(geometry, instance, time, ns))
             tangent = direction_to_world(geometry, instance, time, tangent)
     if not dot(ns, ns) > 0.5:
-        ns = wo
-    ng = wo if shape == SHAPE_RIBBONS else ns
+        ns = scale(direction, -1.0)
     real = points.real
     for k in range(3):
         real[lane, POINT_P + k] = p[k]
-        real[lane, POINT_NG + k] = ng[k]
+        # That of a ribbon would be the ray's, which darkens it: as in Cycles, samples are checked against this one.
+        real[lane, POINT_NG + k] = ns[k]
         real[lane, POINT_NS + k] = ns[k]
         real[lane, POINT_TANGENT + k] = tangent[k]
     # Attributes are weighed by u alone; how far across a ribbon a point is, the shading normal tells.

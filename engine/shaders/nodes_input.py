@@ -453,6 +453,7 @@ IMPLICIT: dict[Implicit, Callable[[Node, Any], Operation]] = {
     Implicit.GENERATED: displaced(ops.OP_GENERATED),
     Implicit.UV: uv(""),
     Implicit.TANGENT: read(ops.OP_TANGENT, VECTOR, 2, ops.TANGENT_OF_CURVES, -3),
+    Implicit.CURVE_RANDOM: lambda node, builder: attribute(builder, builder.attribute_slot("curve_random"), _UNNAMED),
     Implicit.OBJECT_NORMAL: lambda node, builder: Operation(
         ops.OP_OBJECT_NORMAL, (Socket("", FLOAT, 0.0),), (Socket("", VECTOR),), (0,), is_varying=True
     ),

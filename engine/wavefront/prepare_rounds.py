@@ -6,7 +6,7 @@ from engine.kernels.rounds import prepare_round
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_MESH, MESH_SHAPE, SHAPE_TRIANGLES
-from engine.state.lanes import POINT_INSTANCE, POINT_U, POINT_V
+from engine.state.lanes import POINT_INSTANCE, POINT_TANGENT, POINT_U, POINT_V
 
 
 @kernel
@@ -31,6 +31,10 @@ def prepare_rounds(scene, unit, work, queue):
                 geometry, points, lane, paths.hit_u[lane], paths.hit_v[lane], load(paths.origin, lane),
                 load(paths.direction, lane), paths.hit_distance[lane], paths.time[lane],
             )
+        else:
+            # What was there may be a curve's.
+            for axis in range(3):
+                points.real[lane, POINT_TANGENT + axis] = 0.0
 
 
 @kernel

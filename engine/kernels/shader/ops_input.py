@@ -11,6 +11,7 @@ from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from engine.kernels.memory import read3, write3
 from engine.kernels.motion import direction_to_world, point_to_world
+from engine.kernels.rounds import shape_at
 from engine.kernels.shader.grids import sample_alpha, sample_grid
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
 from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, vector_transform
@@ -40,6 +41,7 @@ from engine.state.geometry import (
     INSTANCE_MESH,
     MESH_DEFAULT_COLOR,
     MESH_DEFAULT_UV,
+    SHAPE_RIBBONS,
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
@@ -260,6 +262,26 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
 
 
 @kernel
+def tangent_of(code, pc, geometry, points, lane):
+    """OP_TANGENT."""
+    kind = code[pc + 3]
+    if kind < 3:
+        if code[pc + 4] == TANGENT_OF_CURVES and is_strand(geometry, points, lane):
+            return normalize(read_point(points, lane, POINT_TANGENT))
+        return radial_tangent(geometry, points, lane, kind)
+    uv_slot = code[pc + 5]
+    instance = points.integer[lane, POINT_INSTANCE]
+    if uv_slot < 0:
+        uv_slot = default_slot(geometry, instance, MESH_DEFAULT_UV)
+    c = (0.0, 0.0, 0.0)
+    if instance >= 0:
+        c, sign = uv_tangent_object(geometry, points, lane, code[pc + 4], uv_slot)
+        if sign != 0.0:
+            c = orthogonal_tangent(geometry, points, lane, c)
+    return c
+
+
+@kernel
 def run_light_falloff(code, pc, memory, distance):
     """OP_LIGHT_FALLOFF, of light that has come so far."""
     strength = memory[code[pc + 5]]
@@ -327,7 +349,9 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         write3(memory, code[pc + 2], direction)
     elif OP_POSITION <= opcode <= OP_WINDOW:
         if opcode == OP_TRUE_NORMAL:
-            write3(memory, code[pc + 2], read_point(points, lane, POINT_NG))
+            # A ribbon faces the ray.
+            is_ribbon = shape_at(geometry, points.integer[lane, POINT_INSTANCE]) == SHAPE_RIBBONS
+            write3(memory, code[pc + 2], read_point(points, lane, POINT_WO if is_ribbon else POINT_NG))
         elif opcode == OP_INCOMING:
             write3(memory, code[pc + 2], read_point(points, lane, POINT_WO))
         elif opcode == OP_BACKFACING:
@@ -405,21 +429,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         )
         write3(memory, code[pc + 2], n)
     elif opcode == OP_TANGENT:
-        kind = code[pc + 3]
-        if kind < 3 and code[pc + 4] == TANGENT_OF_CURVES and is_strand(geometry, points, lane):
-            c = normalize(read_point(points, lane, POINT_TANGENT))
-        elif kind < 3:
-            c = radial_tangent(geometry, points, lane, kind)
-        else:
-            uv_slot = code[pc + 5]
-            instance = points.integer[lane, POINT_INSTANCE]
-            if uv_slot < 0:
-                uv_slot = default_slot(geometry, instance, MESH_DEFAULT_UV)
-            c = (0.0, 0.0, 0.0)
-            if instance >= 0:
-                c, sign = uv_tangent_object(geometry, points, lane, code[pc + 4], uv_slot)
-                if sign != 0.0:
-                    c = orthogonal_tangent(geometry, points, lane, c)
+        c = tangent_of(code, pc, geometry, points, lane)
         write3(memory, code[pc + 2], c)
     elif opcode == OP_FRESNEL:
         eta = max(memory[code[pc + 3]], 1e-5)
