@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import bpy
 import numpy as np
 
@@ -39,8 +42,25 @@ def export_mesh(
     vertex_groups : tuple of str
         Names of the mesh's vertex groups, which only an object that has the mesh knows.
     """
+    read = partial(_read_mesh, context, mesh, request, vertex_groups)
+    return export_kept(context, owner, mesh.name_full, request, read)
+
+
+def export_kept(
+    context: ExportContext, owner: bpy.types.Object, name: str, request: AttributeRequest,
+    read: Callable[[], Mesh | None],
+) -> Mesh | None:
+    """What `read` makes of a datablock, or where that is equal, what was last made of it.
+
+    Parameters
+    ----------
+    owner : Object
+        Whose evaluation made the datablock.
+    name : str
+        Of the datablock, full.
+    """
     original = owner.original
-    names = (original.name_full, mesh.name_full)
+    names = (original.name_full, name)
     number = context.mesh_counts[names] = context.mesh_counts.get(names, -1) + 1
     identity = (*names, number)
     kept = context.cache.meshes.get(identity)
@@ -48,7 +68,7 @@ def export_mesh(
     if diced is None and kept is not None and kept.request == request and _is_untouched(context, original):
         kept.last_used = context.cache.export_count
         return kept.mesh
-    exported = _read_mesh(context, mesh, request, vertex_groups)
+    exported = read()
     if exported is None:
         context.cache.meshes.pop(identity, None)
         return None
@@ -75,6 +95,12 @@ def is_equal(a: Mesh, b: Mesh) -> bool:
         (a.material_slots, b.material_slots),
         (a.texture_space, b.texture_space),
     ]
+    if a.rounds is not None or b.rounds is not None:
+        if a.rounds is None or b.rounds is None:
+            return False
+        if (a.rounds.shape, a.rounds.subdivisions) != (b.rounds.shape, b.rounds.subdivisions):
+            return False
+        pairs.append((a.rounds.radii, b.rounds.radii))
     for name, attribute in a.attributes.items():
         if attribute.domain != b.attributes[name].domain:
             return False

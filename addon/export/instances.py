@@ -30,6 +30,7 @@ from .gases import Gas, gas_of
 from .instance_attributes import PATH_LENGTH, InstanceAttributes, can_read_instances
 from .materials import MaterialExporter
 from .object_properties import NOTHING, Value, find_property
+from .particle_hair import ParticleHair, hair_systems
 from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
@@ -44,16 +45,18 @@ _RAY_VISIBILITY = (
 
 #: Object types nothing is made of yet. Curves, text, surfaces and metaballs appear a second time, as meshes.
 _UNSUPPORTED = {
-    "POINTCLOUD": "point clouds are",
-    "CURVES": "hair curves are",
+    "POINTCLOUD": "Gaussian splats are",
     "GPENCIL": "grease pencil is",
     "GREASEPENCIL": "grease pencil is",
 }
 
 
-def _unsupported(shown: bpy.types.Object) -> str:
-    is_splat = getattr(shown.data, "type", "") == "GAUSSIAN_SPLAT"  # From Blender 5.3 on.
-    return "Gaussian splats are" if is_splat else _UNSUPPORTED[shown.type]
+def _rounds_of(shown: bpy.types.Object) -> Any | None:
+    """Curves or points of an evaluated object, None: it has none."""
+    data = shown.data
+    is_splat = getattr(data, "type", "") == "GAUSSIAN_SPLAT"  # From Blender 5.3 on.
+    is_round = isinstance(data, (bpy.types.Curves, bpy.types.PointCloud)) and not is_splat
+    return data if is_round else None
 
 
 #: Appearances between two questions whether to stop.
@@ -68,7 +71,9 @@ class Appearance:
     """What all instances of one object by one instancer have in common."""
 
     name: str
-    #: Mesh to show, None for lights, volumes and gases.
+    #: Curves, points or hair to show.
+    rounds: Any | None
+    #: Mesh to show, None for lights and all that has another field.
     mesh: bpy.types.Mesh | None
     #: Simulated smoke and fire to show.
     gas: Gas | None
@@ -130,12 +135,17 @@ class Appearances:
     generated: Float32Array = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     uv: Float32Array = field(default_factory=lambda: np.zeros((0, 2), np.float32))
     properties: dict[str, Float32Array] = field(default_factory=dict)
+    #: int32 (N,), what Blender shows that as: hair is shown as what it grows on.
+    item: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int32))
 
 
 def gather_appearances(context: ExportContext, materials: MaterialExporter) -> Appearances:
     """Walk the instances of the dependency graph once for objects, then once for each array."""
     result = Appearances()
     rows: dict[Key, int] = {}
+    #: Rows of `kinds` of what has a key, and of its hair.
+    shown_as: list[int] = []
+    hair_as: list[int] = []
     numbers: list[int] = []
     append = numbers.append
     countdown = 0
@@ -149,13 +159,30 @@ def gather_appearances(context: ExportContext, materials: MaterialExporter) -> A
         key = (item.object.data, source or item.object.as_pointer(), item.parent, item.show_self)
         row = rows.get(key)
         if row is None:
-            row = rows[key] = _classify(context, materials, item, result.kinds)
+            row = rows[key] = len(shown_as)
+            shown_as.append(_classify(context, materials, item, result.kinds))
+            hair_as.append(_classify_hair(context, materials, item, result.kinds))
         append(row)
     context.check_cancel()
-    result.kind = np.array(numbers, np.int32)
+    rows_of = np.array(numbers, np.int32)
+    result.kind = np.array(shown_as, np.int32)[rows_of]
     _read_arrays(context, materials, result)
     _read_properties(context, result)
+    _add_hair(result, np.array(hair_as, np.int32)[rows_of])
     return result
+
+
+def _add_hair(result: Appearances, hair: np.ndarray) -> None:
+    """Show each item's hair beside it; `hair` int32 (N,) are rows of `kinds`, -1 = none."""
+    grown = np.flatnonzero(hair >= 0)
+    result.item = np.concatenate([np.arange(len(hair)), grown])
+    if not len(grown):
+        return
+    result.kind = np.concatenate([result.kind, hair[grown]])
+    for name in ("transform", "random", "generated", "uv"):
+        values = getattr(result, name)
+        setattr(result, name, np.concatenate([values, values[grown]]))
+    result.properties = {name: np.concatenate([values, values[grown]]) for name, values in result.properties.items()}
 
 
 def is_invertible(transform: Float32Array) -> npt.NDArray[np.bool_]:
@@ -195,17 +222,39 @@ def _classify(
 ) -> int:
     """Decide what an object is shown as; append that to `kinds` and return its row, -1 for nothing."""
     shown = item.object
-    if shown.data is None:
+    if shown.data is None or not item.show_self:
         return -1
-    if item.show_particles:
-        _notice_hair(context, shown)
-    if not item.show_self:
+    return _describe(context, materials, item, _rounds_of(shown), kinds)
+
+
+def _classify_hair(
+    context: ExportContext, materials: MaterialExporter, item: bpy.types.DepsgraphObjectInstance,
+    kinds: list[Appearance],
+) -> int:
+    """As `_classify`, for the hair that grows on an object."""
+    shown = item.object
+    if not item.show_particles or not isinstance(shown.data, bpy.types.Mesh) or not shown.particle_systems:
         return -1
-    is_mesh, is_volume = isinstance(shown.data, bpy.types.Mesh), isinstance(shown.data, bpy.types.Volume)
-    has_shape = is_mesh or is_volume
+    owner = item.instance_object if item.is_instance else shown.original.evaluated_get(context.depsgraph)
+    if not hair_systems(owner, is_final=context.depsgraph.mode == "RENDER"):
+        return -1
+    return _describe(context, materials, item, ParticleHair(owner), kinds)
+
+
+def _describe(
+    context: ExportContext, materials: MaterialExporter, item: bpy.types.DepsgraphObjectInstance, rounds: Any | None,
+    kinds: list[Appearance],
+) -> int:
+    """What `_classify` returns; `rounds` is what is shown of the object if that is neither its mesh nor a volume."""
+    shown = item.object
+    is_mesh = rounds is None and isinstance(shown.data, bpy.types.Mesh)
+    is_volume = isinstance(shown.data, bpy.types.Volume)
+    has_shape = is_mesh or is_volume or rounds is not None
     if not has_shape and shown.type != "LIGHT":
         if shown.type in _UNSUPPORTED:
-            context.notice(shown.name, f"{_unsupported(shown)} not supported", "left out of the picture")
+            context.notice(shown.name, f"{_UNSUPPORTED[shown.type]} not supported", "left out of the picture")
+        return -1
+    if rounds is not None and not isinstance(rounds, bpy.types.PointCloud) and not context.view_layer.use_strand:
         return -1
     if is_mesh and not context.view_layer.use_solid or is_volume and not context.view_layer.use_volumes:
         return -1
@@ -238,6 +287,7 @@ def _classify(
     kinds.append(
         Appearance(
             name=shown.name,
+            rounds=rounds,
             mesh=shown.data if is_mesh and gas is None else None,
             gas=None if gas is None else Gas(shown.data, gas),
             volume=shown.data if is_volume else None,
@@ -306,12 +356,6 @@ def _slots(context: ExportContext, materials: MaterialExporter, shown: bpy.types
         override = override.evaluated_get(context.depsgraph)
         return (materials.index_of(override, shown.name),) * max(len(shown.material_slots), 1)
     return tuple(materials.index_of(slot.material, shown.name) for slot in shown.material_slots) or (-1,)
-
-
-def _notice_hair(context: ExportContext, shown: bpy.types.Object) -> None:
-    for system in shown.particle_systems:
-        if system.settings.type == "HAIR" and system.settings.render_type == "PATH":
-            context.notice(f"{shown.name} / {system.name}", "hair is not supported", "left out of the picture")
 
 
 def _read_arrays(context: ExportContext, materials: MaterialExporter, result: Appearances) -> None:

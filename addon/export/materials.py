@@ -22,6 +22,12 @@ from .unsupported import notice_material
 
 #: Inputs of a Principled Volume that name attributes.
 _VOLUME_ATTRIBUTES = ("Density Attribute", "Color Attribute", "Temperature Attribute")
+#: Attributes of curves and points that nodes read.
+_CURVE_ATTRIBUTES = {
+    "ShaderNodeHairInfo": ("curve_intercept", "curve_length", "curve_random"),
+    "ShaderNodeBsdfHairPrincipled": ("curve_random",),
+    "ShaderNodePointInfo": ("point_random",),
+}
 
 
 @dataclass(frozen=True)
@@ -187,6 +193,8 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
             names.update(str(name) for key in _VOLUME_ATTRIBUTES if (name := node.inputs.get(key)))
         elif node.kind == "ShaderNodeVolumeInfo":
             names.update(("density", "color", "flame", "temperature"))
+        elif node.kind in _CURVE_ATTRIBUTES:
+            names.update(_CURVE_ATTRIBUTES[node.kind])
         elif node.kind == "ShaderNodeVertexColor":
             names.add(node.properties["layer_name"])
         elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":

@@ -76,11 +76,12 @@ def add_motion(
         context.check_cancel()
         camera.look(step, count)
         moment = observer.look()
-        where = find_again(middle.keys, moment.keys)
+        where = find_again(middle.keys, moment.keys)[appearances.item]
         track.look(step, moment, where[chosen])
         shapes.look(step, count, moment, where)
         known = np.flatnonzero(lights & (where >= 0))
-        restless[known] |= differ(middle.transform[known], moment.transform[where[known]])
+        before = middle.transform[appearances.item[known]]
+        restless[known] |= differ(before, moment.transform[where[known]])
     camera.finish()
     instances.motion = track.result()
     shapes.finish()

@@ -21,8 +21,10 @@ from .lights import LightExporter
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
+from .particle_hair import ParticleHair
 from .pass_motion import find_pass_motion
 from .pass_settings import export_pass_settings, read_requests
+from .rounds import export_rounds
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .studio_light import export_studio_light
 from .subdivision import cap_levels
@@ -182,14 +184,21 @@ def _set_working_space(context: ExportContext) -> np.ndarray | None:
     return to_xyz
 
 
+def _address_of_shape(kind: Appearance) -> int:
+    """What tells apart what appearances show; 0 = nothing that has a shape."""
+    if isinstance(kind.rounds, ParticleHair):
+        return -kind.rounds.owner.as_pointer()
+    shape = kind.gas.mesh if kind.gas is not None else kind.mesh or kind.volume or kind.rounds
+    return 0 if shape is None else shape.as_pointer()
+
+
 def _export_meshes(
     context: ExportContext, materials: MaterialExporter, kinds: list[Appearance]
 ) -> tuple[list[Mesh], list[int]]:
     """Meshes, and for each of `kinds` the number of its own, -1 = none."""
     # One mesh serves all its instances: it carries what any of their materials asks for.
     requests: dict[int, AttributeRequest] = {}
-    shapes = [kind.gas.mesh if kind.gas is not None else kind.mesh or kind.volume for kind in kinds]
-    addresses = [0 if shape is None else shape.as_pointer() for shape in shapes]
+    addresses = [_address_of_shape(kind) for kind in kinds]
     for address, kind in zip(addresses, kinds, strict=True):
         request = requests.get(address, AttributeRequest())
         for index in kind.materials:
@@ -212,6 +221,8 @@ def _export_meshes(
                 exported[address] = export_gas(
                     context, kind.gas, kind.owner, requests[address], is_blurred=kind.motion_step_count > 0
                 )
+            elif kind.rounds is not None:
+                exported[address] = export_rounds(context, kind.rounds, kind.owner, requests[address])
             elif kind.mesh is not None:
                 exported[address] = export_mesh(
                     context, kind.mesh, kind.owner, requests[address], kind.vertex_groups

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from engine.accel.hierarchies import Device, EmbreeScene, MeshHierarchies, triangle_geometry
+from engine.accel.hierarchies import Device, EmbreeScene, MeshHierarchies
 from engine.accel.library import embree, external
 from engine.accel.masks import CATCHER_MASK_SHIFT, MASK_MEDIUM, MASK_SHADOW_TRANSPARENT
 from engine.accel.ray_words import NONE
@@ -100,24 +100,19 @@ def _attach_instances(device, top, indices, scenes, transforms, key_counts, mask
 
 
 def _attach_standing(
-    device: Device, scene: EmbreeScene, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray
+    scene: EmbreeScene, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray
 ) -> None:
-    """Attach triangles that are stored in world space; `rows` are their instances, and their ids."""
+    """Attach meshes that are stored in world space; `rows` are their instances, and their ids."""
     for index in rows.tolist():
-        handle = triangle_geometry(device, geometry, int(geometry.instance_table[index, INSTANCE_MESH]))
-        embree.rtcSetGeometryMask(handle, int(masks[index]))
-        is_filtered = int(masks[index]) & (MASK_SHADOW_TRANSPARENT | MASK_MEDIUM) != 0
-        embree.rtcSetGeometryEnableFilterFunctionFromArguments(handle, is_filtered)
-        embree.rtcCommitGeometry(handle)
-        embree.rtcAttachGeometryByID(scene.address, handle, index)
-        embree.rtcReleaseGeometry(handle)
+        mesh, mask = int(geometry.instance_table[index, INSTANCE_MESH]), int(masks[index])
+        scene.add(geometry, mesh, index, mask, is_filtered=mask & (MASK_SHADOW_TRANSPARENT | MASK_MEDIUM) != 0)
 
 
 def _build_standing(
     device: Device, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray
 ) -> EmbreeScene:
     scene = EmbreeScene(device, geometry)
-    _attach_standing(device, scene, geometry, rows, masks)
+    _attach_standing(scene, geometry, rows, masks)
     embree.rtcCommitScene(scene.address)
     return scene
 
@@ -177,7 +172,7 @@ def build_accelerator(
     standing = np.flatnonzero(wanted & is_baked)
     meshes: list[EmbreeScene] = []
     if shapes_key is None:
-        _attach_standing(device, top, geometry, standing, masks)
+        _attach_standing(top, geometry, standing, masks)
     elif len(standing):
         group = hierarchies.standing.get(
             (shapes_key, standing.tobytes(), table[standing, INSTANCE_MESH].tobytes(), masks[standing].tobytes()),
@@ -201,7 +196,7 @@ def build_accelerator(
     is_small = 0 < sizes[is_transparent].sum() <= _LARGEST_TRANSPARENT_SHARE * sizes[wanted].sum()
     if is_small and shapes_key is None:
         transparent = EmbreeScene(device, geometry)
-        _attach_standing(device, transparent, geometry, np.flatnonzero(is_transparent & is_baked), masks)
+        _attach_standing(transparent, geometry, np.flatnonzero(is_transparent & is_baked), masks)
         _attach_moved(device, transparent, geometry, np.flatnonzero(is_transparent & ~is_baked), masks, addresses)
         embree.rtcCommitScene(transparent.address)
     device.check()

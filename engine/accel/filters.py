@@ -20,7 +20,7 @@ from engine.accel.ray_words import (
     MOST_BOUNDARIES,
     WORD_BYTES,
 )
-from engine.kernels.addresses import read_half, read_word, write_half
+from engine.kernels.addresses import read_half, read_real, read_word, write_half
 from engine.runtime.jit import kernel
 
 # Bytes of an RTCFilterFunctionNArguments, of the RTCRay and of the RTCHit it points to, and of the context.
@@ -53,10 +53,10 @@ def _filtered_mask(context, instance):
 
 @kernel
 def _is_skipped(context, hit):
-    """Whether a hit is on the very triangle that the ray starts on, or on that which it ends on."""
+    """Whether a hit is on the very triangle or curve that the ray starts on, or on that which it ends on."""
     triangle = read_half(hit, _FOUND_TRIANGLE)
-    is_own = triangle == read_half(context, _OWN + 4)
-    is_light = triangle == read_half(context, _LIGHT + 4)
+    is_own = 0 <= triangle - read_half(context, _OWN + 4) < read_half(context, _OWN + 8)
+    is_light = 0 <= triangle - read_half(context, _LIGHT + 4) < read_half(context, _LIGHT + 8)
     if not (is_own or is_light):
         return False
     instance = _filtered_instance(context, hit)
@@ -73,6 +73,23 @@ def skip(arguments):
         Address of an RTCFilterFunctionNArguments of one ray.
     """
     if _is_skipped(read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)):
+        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
+
+
+@kernel(called_by_c=True)
+def cull(arguments):
+    """Embree's filter function: pass what the ray would leave, of what is round.
+
+    Parameters
+    ----------
+    arguments : intp
+        Address of an RTCFilterFunctionNArguments of one ray.
+    """
+    ray, hit = read_word(arguments, _FILTER_RAY), read_word(arguments, _FILTER_HIT)
+    along = 0.0
+    for k in range(3):
+        along += read_real(hit, _FOUND_NORMAL + 4 * k) * read_real(ray, _RAY_DIRECTION + 4 * k)
+    if along > 0.0:
         write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 

@@ -6,16 +6,21 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Hashable, Iterable
 
+import numpy as np
+
 from engine.accel.library import embree
+from engine.accel.rounds import round_geometry
 from engine.scene.content import Kept
 from engine.state.geometry import (
     MESH_FIRST_TRIANGLE,
     MESH_FIRST_VERTEX,
     MESH_MOTION,
+    MESH_SHAPE,
     MESH_TRIANGLE_COUNT,
     MESH_VERTEX_COUNT,
     MOTION_FIRST_VERTEX,
     MOTION_STEP_COUNT,
+    SHAPE_TRIANGLES,
     GeometryArrays,
 )
 
@@ -74,12 +79,33 @@ class EmbreeScene:
 
     def __init__(self, device: Device, geometry: GeometryArrays) -> None:
         self._device = device
-        self._shared = geometry.vertices, geometry.triangles
+        self._shared: list[np.ndarray] = [geometry.vertices, geometry.triangles]
         self.address = embree.rtcNewScene(device.address)
         embree.rtcSetSceneFlags(self.address, _SCENE_ROBUST)
         embree.rtcSetSceneBuildQuality(self.address, _BUILD_QUALITY_HIGH)
         # Embree frees a scene's memory after the scene has let go of its device.
         _release_with(self, embree.rtcReleaseScene, self.address, device)
+
+    def add(self, geometry: GeometryArrays, mesh: int, number: int, mask: int, *, is_filtered: bool) -> None:
+        """Attach a mesh under a number; its memory stays as long as the hierarchy does.
+
+        Parameters
+        ----------
+        mask : int
+            Of the rays that find it.
+        is_filtered : bool
+            Whether searches' filter functions are called for it, whatever the ray says.
+        """
+        if geometry.mesh_table[mesh, MESH_SHAPE] == SHAPE_TRIANGLES:
+            handle = triangle_geometry(self._device, geometry, mesh)
+        else:
+            handle, shared = round_geometry(self._device.address, geometry, mesh)
+            self._shared += shared
+        embree.rtcSetGeometryMask(handle, mask)
+        embree.rtcSetGeometryEnableFilterFunctionFromArguments(handle, is_filtered)
+        embree.rtcCommitGeometry(handle)
+        embree.rtcAttachGeometryByID(self.address, handle, number)
+        embree.rtcReleaseGeometry(handle)
 
 
 class MeshHierarchies:
@@ -112,13 +138,8 @@ class MeshHierarchies:
         """The hierarchy of one mesh in object space."""
         if key not in self.scenes:
             scene = EmbreeScene(self.device, geometry)
-            inner = triangle_geometry(self.device, geometry, mesh)
-            embree.rtcSetGeometryMask(inner, 0xFFFFFFFF)
             # Which of its instances let light through, or have a medium inside, is not known here.
-            embree.rtcSetGeometryEnableFilterFunctionFromArguments(inner, True)
-            embree.rtcCommitGeometry(inner)
-            embree.rtcAttachGeometryByID(scene.address, inner, 0)
-            embree.rtcReleaseGeometry(inner)
+            scene.add(geometry, mesh, 0, 0xFFFFFFFF, is_filtered=True)
             embree.rtcCommitScene(scene.address)
             self.scenes[key] = scene
         return self.scenes[key]

@@ -62,6 +62,9 @@ for _name, _result, _arguments in (
     ("rtcSetGeometryInstancedScene", None, [_POINTER, _POINTER]),
     ("rtcSetGeometryTimeStepCount", None, [_POINTER, _UINT]),
     ("rtcSetGeometryTransform", None, [_POINTER, _UINT, _UINT, _POINTER]),
+    ("rtcSetGeometryTessellationRate", None, [_POINTER, ctypes.c_float]),
+    ("rtcSetGeometryIntersectFilterFunction", None, [_POINTER, _POINTER]),
+    ("rtcSetGeometryOccludedFilterFunction", None, [_POINTER, _POINTER]),
     ("rtcCommitGeometry", None, [_POINTER]),
     ("rtcAttachGeometryByID", None, [_POINTER, _POINTER, _UINT]),
 ):

@@ -27,9 +27,10 @@ CONTEXT = 80
 CONTEXT_COUNT = CONTEXT + 2
 CONTEXT_INSTANCE_COUNT = CONTEXT + 3
 CONTEXT_MASKS = CONTEXT + 4  # address
-# The triangles that the ray starts and ends on, by instance and number within their mesh.
+# The triangles that the ray starts and ends on: instance, number within the mesh, and how many from there on (of a
+# curve all segments).
 CONTEXT_OWN = CONTEXT + 6
-CONTEXT_LIGHT = CONTEXT + 8
+CONTEXT_LIGHT = CONTEXT + 9
 FIRST_BOUNDARY = CONTEXT + 16
 #: Boundaries that a search finds at once.
 MOST_BOUNDARIES = 128

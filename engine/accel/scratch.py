@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
+from engine.accel.called import address_of
 from engine.accel.filters import count_passed, keep_boundary, skip
 from engine.accel.ray_words import (
     BOUNDARY_ARGUMENTS,
     CONTEXT,
+    CONTEXT_LIGHT,
     CONTEXT_OWN,
     NONE,
     PASSING_ARGUMENTS,
@@ -18,19 +18,8 @@ from engine.accel.ray_words import (
     SKIPPING_ARGUMENTS,
     WORD_BYTES,
 )
-from engine.runtime.jit import BoundKernel, Kernel
 
 _EVERY_FEATURE = np.uint32(0xFFFFFFFF)
-
-
-@cache
-def _address_of(called: Kernel) -> int:
-    """Where Embree calls a kernel with the address of its arguments; 0 where nothing is compiled."""
-    if not isinstance(called, Kernel):
-        return 0
-    bound = BoundKernel(called)
-    bound.bind(0)
-    return bound.c_address
 
 
 class RayScratch:
@@ -47,8 +36,8 @@ class RayScratch:
         ):
             # RTCIntersectArguments, or RTCOccludedArguments: flags, features, context, filter function, and nothing of
             # what is no triangle.
-            called = self.address + CONTEXT * WORD_BYTES, _address_of(function)
+            called = self.address + CONTEXT * WORD_BYTES, address_of(function)
             self.bits[first + 1] = _EVERY_FEATURE
             self.bits[first + 2 : first + 6].view(np.int64)[:] = called
         self.bits[CONTEXT : CONTEXT + 2] = NONE
-        self.bits[CONTEXT_OWN : CONTEXT_OWN + 4] = NONE
+        self.bits[CONTEXT_OWN : CONTEXT_LIGHT + 3] = NONE

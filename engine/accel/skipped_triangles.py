@@ -18,7 +18,13 @@ from engine.accel.ray_words import (
     SKIPPING_ARGUMENTS,
 )
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_MESH, MESH_FIRST_TRIANGLE
+from engine.state.geometry import (
+    INSTANCE_MESH,
+    MESH_FIRST_TRIANGLE,
+    MESH_SHAPE,
+    MESH_TRIANGLE_COUNT,
+    SHAPE_TRIANGLES,
+)
 
 _RAY_CALLS_FILTER = 1 << 1
 
@@ -28,12 +34,36 @@ def _name_triangle(bits, place, geometry, instance, triangle):
     """Write a triangle, instance -1: none, the way in which Embree's filter functions know it."""
     bits[CONTEXT_INSTANCE_COUNT] = geometry.instance_table.shape[0]
     if instance < 0:
-        bits[place] = NONE
-        bits[place + 1] = NONE
+        _name_none(bits, place)
         return
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    first, count = triangle, 1
+    if geometry.mesh_table[mesh, MESH_SHAPE] != SHAPE_TRIANGLES:
+        first, count = _curve_of(geometry, mesh, triangle)
     bits[place] = instance
-    bits[place + 1] = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+    bits[place + 1] = first - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+    bits[place + 2] = count
+
+
+@kernel
+def _name_none(bits, place):
+    bits[place] = NONE
+    bits[place + 1] = NONE
+    bits[place + 2] = 0
+
+
+@kernel
+def _curve_of(geometry, mesh, segment):
+    """The first segment of a segment's curve, and how many it has; a sphere is one by itself."""
+    root = geometry.triangles[segment, 2]
+    begin = geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+    end = begin + geometry.mesh_table[mesh, MESH_TRIANGLE_COUNT]
+    first, last = segment, segment
+    while first > begin and geometry.triangles[first - 1, 2] == root:
+        first -= 1
+    while last + 1 < end and geometry.triangles[last + 1, 2] == root:
+        last += 1
+    return first, last + 1 - first
 
 
 @kernel
@@ -48,12 +78,22 @@ def _call_filters(bits, flags):
 def start_on(bits, geometry, instance, triangle):
     """Say which triangle the next rays start on, which they skip; instance -1: none. They end on none.
 
-    What `trace_closest_from`, `trace_passing` and the like are told stays until they are told something else.
+    Of a curve they skip all. What `trace_closest_from`, `trace_passing` and the like are told stays until they are told
+    something else.
     """
     _name_triangle(bits, CONTEXT_OWN, geometry, instance, triangle)
-    bits[CONTEXT_LIGHT] = NONE
-    bits[CONTEXT_LIGHT + 1] = NONE
+    _name_none(bits, CONTEXT_LIGHT)
     _call_filters(bits, _RAY_CALLS_FILTER if instance >= 0 else 0)
+
+
+@kernel
+def go_on_behind(bits, geometry, instance, triangle):
+    """As `start_on`, but of a curve the next rays skip the one segment, as they have passed it."""
+    start_on(bits, geometry, instance, triangle)
+    if instance >= 0:
+        mesh = geometry.instance_table[instance, INSTANCE_MESH]
+        bits[CONTEXT_OWN + 1] = triangle - geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]
+        bits[CONTEXT_OWN + 2] = 1
 
 
 @kernel

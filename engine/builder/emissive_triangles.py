@@ -22,7 +22,9 @@ from engine.state.geometry import (
     INSTANCE_MESH,
     INSTANCE_VISIBILITY,
     MESH_FIRST_TRIANGLE,
+    MESH_SHAPE,
     MESH_TRIANGLE_COUNT,
+    SHAPE_TRIANGLES,
     GeometryArrays,
 )
 
@@ -67,6 +69,8 @@ def _emissive_instances(geometry: GeometryArrays, sides: Int32Array) -> np.ndarr
     starts = np.minimum(instances[:, INSTANCE_MATERIAL_OFFSET].astype(np.int64), len(programs))
     ends = np.minimum(starts + slot_count[instances[:, INSTANCE_MESH]], len(programs))
     visible = (instances[:, INSTANCE_VISIBILITY] & _VISIBLE_TO_SCATTERING) != 0
+    # Curves and spheres glow, but are not sampled, as in Cycles.
+    visible &= geometry.mesh_table[instances[:, INSTANCE_MESH], MESH_SHAPE] == SHAPE_TRIANGLES
     return np.flatnonzero((before[ends] > before[starts]) & visible)
 
 

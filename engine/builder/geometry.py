@@ -97,7 +97,7 @@ class GeometryCache:
         for mesh in meshes:
             mesh.vertices, mesh.triangles = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32)
             mesh.material_slots, mesh.attributes = np.zeros(0, np.int32), {}
-            mesh.corner_normals = mesh.motion_vertices = mesh.motion_normals = None
+            mesh.corner_normals = mesh.motion_vertices = mesh.motion_normals = mesh.rounds = None
 
     @property
     def has_moved(self) -> bool:
@@ -302,6 +302,7 @@ def _assemble(
         instance_materials=np.ascontiguousarray(materials, np.int32),
         attribute_table=attributes.table,
         attribute_data=attributes.data,
+        radii=shapes.radii,
         texture_space=shapes.texture_space,
         attribute_count=attributes.count,
         motion_table=shapes.motion_table,

@@ -5,8 +5,8 @@ Rays start a rounding error off the surface that they leave, and end as far befo
 such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
 start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at area lamps in the
 plane of a surface, on glass that may touch something and on what it may touch, and on instances so far from the origin
-that the error is a part of their size, or of that of what stands on them. Surfaces elsewhere that lie in one place with
-others do not shadow each other (docs/differences.md).
+that the error is a part of their size, or of that of what stands on them, as on curves and spheres. Surfaces elsewhere
+that lie in one place with others do not shadow each other (docs/differences.md).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.builder.touching_glass import touching_glass
-from engine.builder.world_boxes import REACH, WorldBoxes, has_triangles, world_boxes, world_matrices
+from engine.builder.world_boxes import REACH, WorldBoxes, are_round, has_triangles, world_boxes, world_matrices
 from engine.kernels.surface import RELATIVE_ERROR
 from engine.scene.description import VISIBLE_SHADOW, Light, Notice
 from engine.state import geometry as layout
@@ -44,7 +44,7 @@ class SamePlace:
     Attributes
     ----------
     instances : bool (I,)
-        Which are far from the origin for their size, or glass that may touch something, or what it may touch.
+        Which are far from the origin for their size, or glass that may touch something, or what it may touch; curves.
     lights : int64 (L,)
         Area lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
     notices : list of Notice
@@ -157,7 +157,8 @@ def _surfaces_of(
     table = geometry.instance_table
     counts = geometry.mesh_table[table[:, layout.INSTANCE_MESH]]
     looks = counts[:, layout.MESH_VERTEX_COUNT] + counts[:, layout.MESH_TRIANGLE_COUNT].astype(np.int64)
-    shadows = has_triangles(geometry) & ((table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0)
+    shadows = has_triangles(geometry) & ~are_round(geometry)
+    shadows &= (table[:, layout.INSTANCE_VISIBILITY] & VISIBLE_SHADOW) != 0
     found: list[list[int]] = [[] for _ in quads]
     # Only the first of the lamps in one ceiling looks at all of it.
     planes: dict[tuple[float, ...], _Plane] = {}
@@ -216,6 +217,8 @@ def find_same_place(
         instances = _far_instances(boxes, has_triangles(geometry)) | touching_glass(
             geometry, matrices, boxes, is_glass
         )
+        # Strands are as thin as the error.
+        instances |= are_round(geometry)
         sizes = (quads.max(axis=1) - quads.min(axis=1)).max(axis=1, initial=0.0)
         is_far_lamp = _are_far(np.abs(quads).max(axis=(1, 2), initial=0.0), sizes)
         surfaces = _surfaces_of(quads, geometry, matrices, boxes)

@@ -11,6 +11,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
 from engine.builder.grids import build_grids
 from engine.builder.motion import MOST_KEYS
+from engine.builder.rounds import SHAPES, lay_radii
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import Mesh, Notice
 from engine.state import geometry as layout
@@ -56,6 +57,7 @@ class Shapes:
     material_slots: Int32Array
     mesh_table: Int32Array
     motion_table: Int32Array
+    radii: Float32Array
     texture_space: Float32Array
     kept_triangles: list[np.ndarray | None]
     slot_counts: Int64Array
@@ -196,6 +198,9 @@ def build_shapes(
         mesh_table[index, : layout.MESH_FIRST_NORMAL] = first_triangle, count, first_vertex, len(mesh.vertices)
         mesh_table[index, layout.MESH_FIRST_NORMAL] = first_normal if normals_of[index] else -1
         mesh_table[index, layout.MESH_MOTION] = -1
+        if mesh.rounds is not None:
+            mesh_table[index, layout.MESH_SHAPE] = SHAPES[mesh.rounds.shape]
+            mesh_table[index, layout.MESH_SUBDIVISIONS] = mesh.rounds.subdivisions
         if mesh.texture_space is not None:
             texture_space[index] = mesh.texture_space.reshape(6)
         if steps is not None:
@@ -207,6 +212,8 @@ def build_shapes(
             _write_normals(part, placements[index], normals[first_normal : first_normal + count])
             first_normal += count
         first_triangle += count
+    transforms = [None if placement is None else placement.transform for placement in placements]
+    radii, mesh_table[: len(meshes), layout.MESH_FIRST_RADIUS] = lay_radii(meshes, transforms, notices)
     return Shapes(
         vertices=vertices,
         triangles=triangles,
@@ -214,6 +221,7 @@ def build_shapes(
         material_slots=slots,
         mesh_table=mesh_table,
         motion_table=_joined([np.array([row]) for row in motion_rows], layout.MOTION_WIDTH, np.int32),
+        radii=radii,
         texture_space=texture_space,
         kept_triangles=kept_triangles,
         slot_counts=slot_counts,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.builder.planes import MOST_PLANES, lies_in, planes_of
-from engine.builder.world_boxes import REACH, WorldBoxes, has_triangles, is_baked
+from engine.builder.world_boxes import REACH, WorldBoxes, are_round, has_triangles, is_baked
 from engine.kernels.surface import RELATIVE_ERROR
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
@@ -108,7 +108,7 @@ def touching_glass(
         return found
     reach = REACH * RELATIVE_ERROR * boxes.extent
     low, high = boxes.low - reach[:, None], boxes.high + reach[:, None]
-    is_there = has_triangles(geometry) & np.isfinite(boxes.extent)
+    is_there = has_triangles(geometry) & ~are_round(geometry) & np.isfinite(boxes.extent)
     near = _Near(geometry, matrices)
     looked = 0
     for glass in np.flatnonzero(is_glass & is_there).tolist():

@@ -53,6 +53,13 @@ def has_triangles(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
     return has
 
 
+def are_round(geometry: GeometryArrays) -> npt.NDArray[np.bool_]:
+    """Which instances are curves or spheres: bool (I,)."""
+    meshes = geometry.instance_table[:, layout.INSTANCE_MESH]
+    found: npt.NDArray[np.bool_] = geometry.mesh_table[meshes, layout.MESH_SHAPE] != layout.SHAPE_TRIANGLES
+    return found
+
+
 def world_matrices(geometry: GeometryArrays) -> np.ndarray:
     """From stored vertices to the world, float64 (I, 3, 4), at the middle of the shutter."""
     matrices = geometry.transforms.astype(np.float64).reshape(-1, 3, 4)

@@ -36,6 +36,16 @@ def read_half(typing_context: Any, address: Any, offset: Any) -> Any:
 
 
 @intrinsic
+def read_real(typing_context: Any, address: Any, offset: Any) -> Any:
+    """A float32 at so many bytes behind an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(_place(builder, arguments, ir.FloatType()))
+
+    return types.float32(types.int64, types.int64), generate
+
+
+@intrinsic
 def write_half(typing_context: Any, address: Any, offset: Any, value: Any) -> Any:
     """Write 32 bits at so many bytes behind an address."""
 

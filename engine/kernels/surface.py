@@ -36,6 +36,8 @@ from engine.state.geometry import (
     INSTANCE_MATERIAL_OFFSET,
     INSTANCE_MESH,
     MESH_FIRST_NORMAL,
+    MESH_SHAPE,
+    SHAPE_TRIANGLES,
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
@@ -227,6 +229,9 @@ def ray_start(geometry, instance, triangle, p, direction, time):
     Waechter and Binder 2019, "A Fast and Robust Method for Avoiding Self-Intersection" (Ray Tracing Gems, chapter 6).
     """
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    if geometry.mesh_table[mesh, MESH_SHAPE] != SHAPE_TRIANGLES:
+        # All of the curve is skipped.
+        return p
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     is_baked = geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED != 0
     at, along = p, direction

@@ -53,6 +53,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_ROUNDS,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
@@ -141,11 +142,8 @@ class Tracer:
         self.layout = layout
         header = scene.lights.header
         has_suns = header[HEADER_LAST_DISTANT] > header[HEADER_FIRST_DISTANT]
-        self.mode = MODE_CLOSURES
-        if not settings.use_caustics_reflective:
-            self.mode |= MODE_NO_REFLECTIVE_CAUSTICS
-        if not settings.use_caustics_refractive:
-            self.mode |= MODE_NO_REFRACTIVE_CAUSTICS
+        self.mode = MODE_CLOSURES | (0 if settings.use_caustics_reflective else MODE_NO_REFLECTIVE_CAUSTICS)
+        self.mode |= 0 if settings.use_caustics_refractive else MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
         facts = scene.shaders.programs[world, PROGRAM_FLAGS]
         world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
@@ -167,6 +165,7 @@ class Tracer:
         numbers[SCENE_HAS_DENSE_MEDIA] = scene.media.is_dense
         numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.varies
         numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()
+        numbers[SCENE_HAS_ROUNDS] = len(scene.geometry.radii) > 0
         numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
         self.view = SceneView(
             numbers, _with_clearance(scene), scene.camera.motion, scene.camera.shutter, scene.camera.filter,
@@ -369,6 +368,8 @@ class Tracer:
         stages.play_roulette(scene, unit_view, b, b.active)
         stages.intersect_closest(scene, unit_view, b, b.traced)
         stages.prepare_surface(scene, unit_view, b, b.traced)
+        if view.header[SCENE_HAS_ROUNDS]:
+            stages.prepare_rounds(scene, unit_view, b, b.surface)
         surface_count = int(b.surface.count[0])
         stages.evaluate_shaders(
             view.shaders, view.geometry, view.tables, b.points, b.shaded, b.surface.lanes, surface_count, b.registers,

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array, Uint32Array
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion
+from engine.scene.rounds import Rounds
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
 
 VISIBLE_CAMERA = 1
@@ -44,7 +44,6 @@ class Notice:
     fallback: str
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Materials: a host-neutral node graph, compiled by `engine.shaders.compiler`.
 
 
@@ -160,7 +159,6 @@ class Image:
     folder: str = ""
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Geometry
 
 
@@ -205,6 +203,8 @@ class Mesh:
     volume_motion : VolumeMotion or None
         How what is in `grids` moves while the shutter is open; the box is around all of it.
     dicing : Dicing or None
+    rounds : Rounds or None
+        What `triangles` are where they are none: segments of curves, or spheres.
     """
 
     key: Hashable
@@ -222,6 +222,7 @@ class Mesh:
     grids: dict[str, Grid] = field(default_factory=dict)
     volume_motion: VolumeMotion | None = None
     dicing: Dicing | None = None
+    rounds: Rounds | None = None
 
 
 @dataclass
@@ -258,7 +259,6 @@ class Instances:
     properties: dict[str, Float32Array] = field(default_factory=dict)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Lights: Blender's units; engine.builder.lamps converts.
 
 
@@ -339,7 +339,6 @@ class World:
     light_group: int = -1
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Camera and frame
 
 
@@ -394,7 +393,6 @@ class Frame:
     exposure: float = 1.0  # film exposure: a factor on radiance
 
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Passes
 
 

@@ -61,7 +61,8 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
     mesh = np.zeros((1, layout.MESH_WIDTH), np.int32)
     mesh[0, layout.MESH_TRIANGLE_COUNT] = 2
     mesh[0, layout.MESH_VERTEX_COUNT] = 4
-    mesh[0, [layout.MESH_FIRST_NORMAL, layout.MESH_MOTION, layout.MESH_UNDEFORMED]] = -1
+    without = [layout.MESH_FIRST_NORMAL, layout.MESH_MOTION, layout.MESH_UNDEFORMED, layout.MESH_FIRST_RADIUS]
+    mesh[0, without] = -1
     count = max(attribute_count, 1)
     table = np.tile(np.array([layout.DOMAIN_CORNER, 4, 0], np.int64), (count, 1))
     identity = np.eye(4, dtype=np.float32)[:3].reshape(1, 12).copy()
@@ -78,6 +79,7 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
         instance_materials=np.zeros(1, np.int32),
         attribute_table=table,
         attribute_data=np.ascontiguousarray(data.ravel()),
+        radii=np.zeros(1, np.float32),
         texture_space=np.array([[0.5, 0.5, 0.0, 0.5, 0.5, 0.5]], np.float32),
         attribute_count=np.array([count], np.int64),
         motion_table=np.zeros((1, layout.MOTION_WIDTH), np.int32),

@@ -289,7 +289,9 @@ class _LazyOutputs(_Outputs):
     def __missing__(self, identifier: str) -> tuple[Value, SocketType]:
         values, node, builder, entries = self._parts
         operation = entries[identifier](node, builder)
-        self[identifier] = (values.emit(operation, builder)[0], operation.outputs[0].type)
+        # What an instruction gives besides has a name.
+        place = next((row for row, socket in enumerate(operation.outputs) if not socket.identifier), 0)
+        self[identifier] = (values.emit(operation, builder)[place], operation.outputs[place].type)
         return self[identifier]
 
 

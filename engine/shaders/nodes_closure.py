@@ -18,6 +18,7 @@ from engine.kernels.bsdf.plain_principled import fold_principled
 from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
+from engine.shaders import nodes_hair
 from engine.shaders.options import choice
 from engine.shaders.program import Constant, Value, is_zero
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
@@ -399,8 +400,10 @@ CLOSURES: dict[str, ClosureNode] = {
     "ShaderNodeBsdfSheen": ClosureNode(sheen, _LOBE, ("distribution",)),
     "ShaderNodeBsdfVelvet": ClosureNode(sheen),
     "ShaderNodeBsdfToon": ClosureNode(_as_diffuse("Toon BSDF is not supported")),
-    "ShaderNodeBsdfHair": ClosureNode(_as_diffuse("Hair BSDF is not supported")),
-    "ShaderNodeBsdfHairPrincipled": ClosureNode(_as_diffuse("Principled Hair BSDF is not supported")),
+    "ShaderNodeBsdfHair": ClosureNode(nodes_hair.hair, nodes_hair.HAIR_INPUTS, ("component",)),
+    "ShaderNodeBsdfHairPrincipled": ClosureNode(
+        nodes_hair.principled_hair, nodes_hair.PRINCIPLED_HAIR_INPUTS, ("model", "parametrization")
+    ),
     "ShaderNodeSubsurfaceScattering": ClosureNode(_as_diffuse("Subsurface Scattering is not supported")),
     "ShaderNodeBsdfRayPortal": ClosureNode(ray_portal),
     "ShaderNodeEmission": _EMISSION,

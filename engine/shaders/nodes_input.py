@@ -15,6 +15,13 @@ import numpy as np
 
 from engine.kernels.shader import light_path as lp
 from engine.kernels.shader import ops_input as ops
+from engine.kernels.shader.ops_rounds import (
+    ROUND_CENTRE,
+    ROUND_IS_STRAND,
+    ROUND_RADIUS,
+    ROUND_TANGENT_NORMAL,
+    ROUND_THICKNESS,
+)
 from engine.scene.attribute_names import UNDISPLACED_NORMALS
 from engine.scene.description import Node
 from engine.shaders.options import choice, flag, is_choice
@@ -126,6 +133,12 @@ def _value(value: float) -> Callable[[Node, Any], Operation]:
 def _pointiness(node: Node, builder: Any) -> Operation:
     builder.notice("Pointiness is not supported", "0.5, as on a flat surface")
     return constant(0.5)
+
+
+def _factor_of(name: str) -> Callable[[Node, Any], Operation]:
+    """A number that is an attribute of curves or points."""
+    outputs = (Socket("\0vector", VECTOR), Socket("", FLOAT), Socket("\0alpha", FLOAT))
+    return lambda node, builder: attribute(builder, builder.attribute_slot(name), outputs)
 
 
 _ATTRIBUTE_OWNERS = ("GEOMETRY", "OBJECT", "INSTANCER", "VIEW_LAYER", "LIGHT")
@@ -303,7 +316,6 @@ def _scene_time(node: Node, builder: Any) -> Operation:
 
 
 _PARTICLE = "particle data is not supported"
-_HAIR = "hair data is not supported on meshes"
 
 NODES: NodeTable = {
     "ShaderNodeValue": _socket_value(FLOAT, "Value"),
@@ -366,7 +378,7 @@ OUTPUTS: dict[str, Outputs] = {
         {
             "Position": displaced(ops.OP_POSITION),
             "Normal": read(ops.OP_NORMAL, VECTOR),
-            "Tangent": read(ops.OP_TANGENT, VECTOR, 2, -3, -3),
+            "Tangent": read(ops.OP_TANGENT, VECTOR, 2, ops.TANGENT_OF_CURVES, -3),
             "True Normal": read(ops.OP_TRUE_NORMAL, VECTOR),
             "Incoming": read(ops.OP_INCOMING, VECTOR),
             "Parametric": displaced(ops.OP_PARAMETRIC),
@@ -426,19 +438,19 @@ OUTPUTS: dict[str, Outputs] = {
     ),
     "ShaderNodeHairInfo": Outputs(
         {
-            "Is Strand": _value(0.0),
-            "Intercept": _zero(FLOAT, _HAIR),
-            "Length": _zero(FLOAT, _HAIR),
-            "Thickness": _zero(FLOAT, _HAIR),
-            "Tangent Normal": _zero(VECTOR, _HAIR),
-            "Random": _zero(FLOAT, _HAIR),
+            "Is Strand": read(ops.OP_ROUND, FLOAT, ROUND_IS_STRAND),
+            "Intercept": _factor_of("curve_intercept"),
+            "Length": _factor_of("curve_length"),
+            "Thickness": read(ops.OP_ROUND, FLOAT, ROUND_THICKNESS),
+            "Tangent Normal": read(ops.OP_ROUND, VECTOR, ROUND_TANGENT_NORMAL),
+            "Random": _factor_of("curve_random"),
         }
     ),
     "ShaderNodePointInfo": Outputs(
         {
-            "Position": displaced(ops.OP_POSITION),
-            "Radius": _zero(FLOAT, "point clouds are not supported"),
-            "Random": _zero(FLOAT, "point clouds are not supported"),
+            "Position": read(ops.OP_ROUND, VECTOR, ROUND_CENTRE),
+            "Radius": read(ops.OP_ROUND, FLOAT, ROUND_RADIUS),
+            "Random": _factor_of("point_random"),
         }
     ),
 }
@@ -449,7 +461,8 @@ IMPLICIT: dict[Implicit, Callable[[Node, Any], Operation]] = {
     Implicit.POSITION: displaced(ops.OP_POSITION),
     Implicit.GENERATED: displaced(ops.OP_GENERATED),
     Implicit.UV: uv(""),
-    Implicit.TANGENT: read(ops.OP_TANGENT, VECTOR, 2, -3, -3),
+    Implicit.TANGENT: read(ops.OP_TANGENT, VECTOR, 2, ops.TANGENT_OF_CURVES, -3),
+    Implicit.CURVE_RANDOM: lambda node, builder: attribute(builder, builder.attribute_slot("curve_random"), _UNNAMED),
     Implicit.OBJECT_NORMAL: lambda node, builder: Operation(
         ops.OP_OBJECT_NORMAL, (Socket("", FLOAT, 0.0),), (Socket("", VECTOR),), (0,), is_varying=True
     ),

@@ -87,6 +87,7 @@ class Implicit(Enum):
     POSITION = "position"
     TANGENT = "tangent"
     OBJECT_NORMAL = "object normal"
+    CURVE_RANDOM = "random number of a curve"
 
 
 @dataclass(frozen=True)

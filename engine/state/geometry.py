@@ -61,7 +61,22 @@ MESH_DEFAULT_COLOR = 6
 MESH_UNDEFORMED = 7
 #: Row of `motion_table`, -1 where the mesh keeps its shape.
 MESH_MOTION = 8
-MESH_WIDTH = 9
+#: What the rows of `triangles` are: SHAPE_*.
+MESH_SHAPE = 9
+#: Row of `radii` of the mesh's first vertex, -1 where it has triangles.
+MESH_FIRST_RADIUS = 10
+#: How finely Embree follows curves.
+MESH_SUBDIVISIONS = 11
+MESH_WIDTH = 12
+
+# A row of `triangles` names the corners of a triangle. A segment of a curve names the vertices (keys) that it goes
+# between, and the first of its curve; so points are weighed as a triangle's are, with a v of 0. A sphere names its
+# centre three times.
+SHAPE_TRIANGLES = 0
+SHAPE_RIBBONS = 1
+SHAPE_ROUND = 2
+SHAPE_ROUND_LINEAR = 3
+SHAPE_SPHERES = 4
 
 # Columns of GeometryArrays.motion_table: a mesh's steps from the shutter's opening to its closing lie one after the
 # other, each as long as the mesh itself.
@@ -103,6 +118,7 @@ class GeometryArrays(Bundle):
     instance_materials : int32 (K,), program (= material) of slot k: `instance_materials[offset + slot]`
     attribute_table : int64 (M * A, ATTRIBUTE_WIDTH)
     attribute_data : float32 (D,)
+    radii : float32 (R,), of the vertices of curves and spheres, in the space that these are stored in
     texture_space : float32 (M, 6), centre and half size
     attribute_count : int64 (1,), A
     motion_table : int32 (X, MOTION_WIDTH)
@@ -122,6 +138,7 @@ class GeometryArrays(Bundle):
     instance_materials: Int32Array
     attribute_table: Int64Array
     attribute_data: Float32Array
+    radii: Float32Array
     texture_space: Float32Array
     attribute_count: Int64Array
     motion_table: Int32Array

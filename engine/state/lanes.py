@@ -81,7 +81,6 @@ RAY_STARTS_ON = 524288
 #: The lane's shadow ray starts and ends in place, and skips the triangles there.
 RAY_SHADOW_IN_PLACE = 1048576
 
-# ---------------------------------------------------------------------------------------------------------------------
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
 # and POINT_FLAG_BACKFACING is set.
 
@@ -95,7 +94,8 @@ POINT_RAY_LENGTH = 14
 POINT_RADIUS = 15  # footprint radius of the ray at P [m] (compact ray differential)
 POINT_RANDOM = 16  # uniform in [0, 1), for stochastic nodes
 POINT_TIME = 17
-POINT_REAL_WIDTH = 18
+POINT_TANGENT = 18  # of curves: dP/du, world, not unit [m]
+POINT_REAL_WIDTH = 21
 
 # Columns of ShadePoints.integer (int32).
 POINT_INSTANCE = 0  # -1: none (background or analytic light)

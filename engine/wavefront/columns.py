@@ -23,7 +23,8 @@ SCENE_TRANSPARENT_HANDLE = 12  # Embree's, of what shadow rays can pass; SCENE_H
 SCENE_HAS_DENSE_MEDIA = 13  # so dense that what a ray skips at a surface matters
 SCENE_HAS_MOVING_MEDIA = 14  # some that vary move by their own velocity while the shutter is open
 SCENE_MASK_HANDLE = 15  # address of the instances' masks
-SCENE_HEADER_WIDTH = 16
+SCENE_HAS_ROUNDS = 16  # curves or spheres
+SCENE_HEADER_WIDTH = 17
 
 # UnitView.header
 UNIT_SEED = 0

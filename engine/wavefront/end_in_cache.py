@@ -25,9 +25,10 @@ from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import NO_GROUP, add_radiance
 from engine.kernels.rng import hash_combine
+from engine.kernels.rounds import shape_at
 from engine.kernels.vector import dot, load, store, subtract
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
+from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, SHAPE_TRIANGLES
 from engine.state.lanes import (
     CLOSURE_SAMPLE_WEIGHT,
     MAX_TAUGHT,
@@ -63,6 +64,9 @@ _ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 def is_cached_surface(scene, instance, program):
     """Whether cells may stand for surfaces of a shader: opaque ones that do not emit."""
     if scene.shaders.programs[program, PROGRAM_FLAGS] & (PROGRAM_HAS_EMISSION | PROGRAM_MAY_BE_TRANSPARENT):
+        return False
+    # Cells know surfaces by their normal, which says little of a strand.
+    if shape_at(scene.geometry, instance) != SHAPE_TRIANGLES:
         return False
     return scene.geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT == 0
 

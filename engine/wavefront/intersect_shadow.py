@@ -16,8 +16,9 @@ from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
 from engine.kernels.radiance import add_sampled
 from engine.kernels.spectrum import filter_by
 from engine.kernels.surface import offset_origin, prepare_point, program_of
-from engine.kernels.vector import length, load, store, subtract
+from engine.kernels.vector import add, length, load, scale, store, subtract
 from engine.runtime.jit import kernel
+from engine.state.geometry import INSTANCE_MESH, MESH_SHAPE, SHAPE_TRIANGLES
 from engine.state.lanes import (
     POINT_FLAG_IN_PLACE,
     POINT_FLAGS,
@@ -113,6 +114,22 @@ def _meets(scene, ray, bits, address, origin, direction, far, time, mask, skips)
 
 
 @kernel
+def _go_to_hit(scene, work, row, lane, direction):
+    """Let a shadow ray go on from what it has met, which is set up as a point to shade: instance, triangle, place."""
+    geometry, points, shadows = scene.geometry, work.light_points, work.shadows
+    instance, triangle, distance, u, v = read_hit(work.ray, work.ray_bits, geometry)
+    error = prepare_point(geometry, points, row, instance, triangle, u, v, direction, work.paths.time[lane])
+    p, ng = real_3(points, row, POINT_P), real_3(points, row, POINT_NG)
+    if geometry.mesh_table[geometry.instance_table[instance, INSTANCE_MESH], MESH_SHAPE] != SHAPE_TRIANGLES:
+        # `prepare_passed_rounds` does the rest.
+        p = add(load(shadows.origin, row), scale(direction, distance))
+    in_place = points.integer[row, POINT_FLAGS] & POINT_FLAG_IN_PLACE != 0
+    store(shadows.origin, row, p if in_place else offset_origin(p, ng, direction, error))
+    shadows.distance[row] -= distance
+    return instance, triangle, p
+
+
+@kernel
 def pass_transparent(scene, unit, work, queue):
     """Take every pending shadow ray to its next transparent blocker that needs its program run.
 
@@ -164,15 +181,9 @@ def pass_transparent(scene, unit, work, queue):
             shadows.transparent_depth[row] += 1
             if shadows.transparent_depth[row] > options.max_transparent_depth:
                 break
-            instance, triangle, distance, u, v = read_hit(ray, bits, geometry)
-            error = prepare_point(geometry, points, row, instance, triangle, u, v, direction, paths.time[lane])
-            real = points.real
-            p = (real[row, POINT_P], real[row, POINT_P + 1], real[row, POINT_P + 2])
-            ng = (real[row, POINT_NG], real[row, POINT_NG + 1], real[row, POINT_NG + 2])
+            instance, triangle, p = _go_to_hit(scene, work, row, lane, direction)
             skips = name_passed(scene, work, lane, instance, triangle)
-            in_place = points.integer[row, POINT_FLAGS] & POINT_FLAG_IN_PLACE != 0
-            store(shadows.origin, row, p if in_place else offset_origin(p, ng, direction, error))
-            shadows.distance[row] -= distance
+            real = points.real
             program = program_of(geometry, instance, triangle)
             if programs[program, PROGRAM_FLAGS] & PROGRAM_TRANSPARENCY_CONSTANT:
                 largest = filter_by(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What shadow rays skip that start or end in place."""
 
-from engine.accel.skipped_triangles import end_on, start_on
+from engine.accel.skipped_triangles import end_on, go_on_behind, start_on
 from engine.kernels.surface import starts_in_place
 from engine.runtime.jit import kernel
 from engine.state.lanes import LIGHT_ENDS_IN_PLACE, RAY_SHADOW_IN_PLACE
@@ -9,16 +9,15 @@ from engine.state.lights import EMITTER_INSTANCE, EMITTER_TRIANGLE
 
 
 @kernel
-def _name(scene, work, lane, instance, triangle):
-    """Say what the shadow ray of a lane skips: a triangle, instance -1: none, and that of its light if it ends there.
+def _name_light(scene, work, lane, instance):
+    """Say that the shadow ray of a lane skips its light too, if it ends there in place.
 
     Returns
     -------
     bool
-        Whether it skips any.
+        Whether it skips any; `instance` -1: it starts on nothing that it skips.
     """
     emitters, bits, samples = scene.lights.emitters, work.ray_bits, work.samples
-    start_on(bits, scene.geometry, instance, triangle)
     if not work.paths.flags[lane] & RAY_SHADOW_IN_PLACE:
         return instance >= 0
     if samples.flags[lane] & LIGHT_ENDS_IN_PLACE:
@@ -32,7 +31,9 @@ def name_ends(scene, work, lane):
     """Say which triangles the shadow ray of a lane starts and ends on, if that is in place; returned: whether it is."""
     paths = work.paths
     is_in_place = paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0
-    return _name(scene, work, lane, paths.hit_instance[lane] if is_in_place else -1, paths.hit_triangle[lane])
+    instance = paths.hit_instance[lane] if is_in_place else -1
+    start_on(work.ray_bits, scene.geometry, instance, paths.hit_triangle[lane])
+    return _name_light(scene, work, lane, instance)
 
 
 @kernel
@@ -44,4 +45,6 @@ def name_passed(scene, work, lane, instance, triangle):
     bool
         Whether it skips any.
     """
-    return _name(scene, work, lane, instance if starts_in_place(scene.geometry, instance) else -1, triangle)
+    instance = instance if starts_in_place(scene.geometry, instance) else -1
+    go_on_behind(work.ray_bits, scene.geometry, instance, triangle)
+    return _name_light(scene, work, lane, instance)

@@ -28,6 +28,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_ROUNDS,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
@@ -55,6 +56,7 @@ from engine.wavefront.play_adjoint_roulette import play_adjoint_roulette
 from engine.wavefront.play_roulette import play_roulette
 from engine.wavefront.predict_radiance import ask_model, blend_with_mixture, predict_radiance
 from engine.wavefront.prepare_guides import prepare_guides
+from engine.wavefront.prepare_rounds import prepare_passed_rounds, prepare_rounds
 from engine.wavefront.prepare_surface import prepare_surface
 from engine.wavefront.resample_collisions import draw_collision_candidates, resample_collisions
 from engine.wavefront.sample_light import choose_lights, connect_lights
@@ -175,7 +177,7 @@ _CONSTANT_WORLD, _SPECTRAL = _scene(SCENE_WORLD_IS_CONSTANT), _scene(SCENE_IS_SP
 _EMITTERS, _LAMPS = _scene(SCENE_HAS_EMITTERS), _scene(SCENE_HAS_HITTABLE_LIGHTS)
 _MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
 _VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
-_TRANSPARENT_SHADOWS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS)
+_TRANSPARENT_SHADOWS, _ROUNDS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS), _scene(SCENE_HAS_ROUNDS)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
 _SHADOWS = _any(_EMITTERS, _OCCLUSION)
@@ -219,6 +221,7 @@ _STAGES = (
     Stage(meet_catchers, "catch_shadows", _CATCHES),
     Stage(show_background, "catch_shadows shade_background", _CATCHES),
     Stage(prepare_surface, "prepare_surface"),
+    Stage(prepare_rounds, "prepare_surface", _ROUNDS),
     Stage(play_adjoint_roulette, "play_adjoint_roulette", lambda loop: loop.predicts, _radiance),
     Stage(end_in_cache, "end_in_cache", _uses_cache, _radiance),
     Stage(fill_background, "catch_shadows shade_background", _CONSTANT_WORLD),
@@ -257,6 +260,7 @@ _STAGES = (
     Stage(dim_shadows, "attenuate_shadows", _all(_VARYING_MEDIA, _SHADOWS)),
     Stage(intersect_shadow, "intersect_shadow", _SHADOWS),
     Stage(pass_transparent, "intersect_shadow", _all(_SHADOWS, _TRANSPARENT_SHADOWS)),
+    Stage(prepare_passed_rounds, "intersect_shadow", _all(_SHADOWS, _TRANSPARENT_SHADOWS, _ROUNDS)),
     Stage(guide_collisions, "sample_source", _all(_is_guided, _MEDIA), _guided),
     Stage(draw_collision_candidates, "draw_candidates", _all(_is_guided, _MEDIA), _guided),
     Stage(resample_collisions, "guide_resample", _all(_is_guided, _MEDIA), _guided),

@@ -17,6 +17,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_ROUNDS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
@@ -124,6 +125,8 @@ def _trace_shadows(stages, scene, unit, work):
     while work.pending.count[0] > 0:
         stages.pass_transparent(scene, unit, work, work.pending)
         if work.pending.count[0] > 0:
+            if scene.header[SCENE_HAS_ROUNDS] != 0:
+                stages.prepare_passed_rounds(scene, unit, work, work.pending)
             _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.pending, MODE_TRANSPARENCY)
     mark(work.clock, CLOCK.intersect_shadow)
 
@@ -213,6 +216,15 @@ def _guide_collisions(stages, scene, unit, guidance, radiance, work):
 
 
 @kernel
+def _prepare_surfaces(stages, scene, unit, work):
+    """Set up the points that rays have met."""
+    stages.prepare_surface(scene, unit, work, work.traced)
+    if scene.header[SCENE_HAS_ROUNDS] != 0:
+        stages.prepare_rounds(scene, unit, work, work.surface)
+    mark(work.clock, CLOCK.prepare_surface)
+
+
+@kernel
 def _shade_surfaces(stages, scene, unit, guidance, work):
     """Run the programs of what was hit, add what it emits, and ready the lanes for guiding."""
     clock, is_spectral = work.clock, scene.header[SCENE_IS_SPECTRAL] != 0
@@ -292,8 +304,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_CATCHES] != 0:
             _catch_shadows(stages, scene, unit, work)
-        stages.prepare_surface(scene, unit, work, work.traced)
-        mark(clock, CLOCK.prepare_surface)
+        _prepare_surfaces(stages, scene, unit, work)
         if unit.header[UNIT_PREDICTS] != 0:
             stages.play_adjoint_roulette(scene, unit, radiance, work, work.surface)
             mark(clock, CLOCK.play_adjoint_roulette)

@@ -7,6 +7,8 @@ from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
     BUMP,
+    CHIANG,
+    CHIANG_WIDTHS,
     CLOSURE_NO_BUMP_CORRECTION,
     DELTA_ALPHA_SQUARED,
     FIRST_MICROFACET,
@@ -150,9 +152,12 @@ def summarize(closures, lane):
 
 @kernel
 def blur_glossy(closures, lane, roughness):
-    """Raise the alphas of a lane's microfacet lobes to at least `roughness` (filter glossy)."""
+    """Raise the alphas of a lane's microfacet lobes, and widths of fibres, to at least `roughness` (filter glossy)."""
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
-        if FIRST_MICROFACET <= kind <= LAST_MICROFACET:
+        if kind == CHIANG:
+            for column in range(CHIANG_WIDTHS, CHIANG_WIDTHS + 3):
+                closures.param[lane, i, column] = max(closures.param[lane, i, column], roughness)
+        elif FIRST_MICROFACET <= kind <= LAST_MICROFACET:
             closures.param[lane, i, ALPHA_X] = max(closures.param[lane, i, ALPHA_X], roughness)
             closures.param[lane, i, ALPHA_Y] = max(closures.param[lane, i, ALPHA_Y], roughness)

@@ -19,16 +19,19 @@ from engine.kernels.bsdf.kinds import (
     DIFFUSE,
     ENERGY_SCALE,
     ETA,
+    FIRST_HAIR,
     FIRST_MICROFACET,
     FIRST_TRANSLUCENT,
     GLASS,
+    HAIR_REFLECTION,
+    HAIR_TRANSMISSION,
     LAST_DIFFUSE,
     LAST_MICROFACET,
     PHASE,
     REFRACTION,
     TRANSPARENT,
 )
-from engine.kernels.bsdf.lobes import eval_lobe, sample_lobe
+from engine.kernels.bsdf.lobes import eval_lobe, hair_roughness, sample_hair, sample_lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_microfacet
 from engine.kernels.bsdf.normals import bump_shadowing
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
@@ -61,6 +64,8 @@ DELTA_LOBES = 2
 @kernel
 def is_visible(kind, visibility):
     """Whether lobes of `kind` may see a light of RAY_* mask `visibility`; glass needs either kind of ray (Cycles)."""
+    if FIRST_HAIR <= kind <= LAST_DIFFUSE:
+        return visibility & (RAY_TRANSMIT if kind == HAIR_TRANSMISSION else RAY_GLOSSY) != 0
     if kind <= LAST_DIFFUSE:
         return visibility & (RAY_VOLUME if kind == PHASE else RAY_DIFFUSE) != 0
     if kind < REFRACTION:
@@ -68,6 +73,14 @@ def is_visible(kind, visibility):
     if kind == GLASS:
         return visibility & (RAY_GLOSSY | RAY_TRANSMIT) != 0
     return visibility & RAY_TRANSMIT != 0
+
+
+@kernel
+def hair_label(kind):
+    """Kind of a ray that a fibre has scattered: as transmitted counts what was not reflected at once, and with Chiang's
+    model all, since that is nearly all.
+    """
+    return RAY_GLOSSY | (RAY_REFLECT if kind == HAIR_REFLECTION else RAY_TRANSMIT)
 
 
 @kernel(forceinline=True)
@@ -204,6 +217,11 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
     is_delta = False
     is_refracted = False
     blend = 1.0
+    if FIRST_HAIR <= kind <= LAST_DIFFUSE:
+        # It looks at no geometric normal.
+        wi = sample_hair(kind, param, channels, lane, chosen, wo, u0, u1, u2)
+        pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, chosen, -1.0, out, row)
+        return pdf, wi, hair_label(kind), hair_roughness(kind, param, lane, chosen), eta
     if kind <= LAST_DIFFUSE:
         is_refracted = kind >= FIRST_TRANSLUCENT
         label = RAY_DIFFUSE

@@ -11,8 +11,18 @@ import math
 import numpy as np
 
 from engine.kernels.bsdf.closures import read3
-from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_channels, is_delta_lobe
-from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, BUMP, ETA, FIRST_TRANSLUCENT, LAST_DIFFUSE, REFRACTION
+from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_channels, hair_label, is_delta_lobe
+from engine.kernels.bsdf.kinds import (
+    ALPHA_X,
+    ALPHA_Y,
+    BUMP,
+    ETA,
+    FIRST_HAIR,
+    FIRST_TRANSLUCENT,
+    LAST_DIFFUSE,
+    REFRACTION,
+)
+from engine.kernels.bsdf.lobes import hair_roughness
 from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
@@ -110,6 +120,8 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
             out[row, c] = 0.0
         return 0.0, 0, 1.0, 1.0
     kind = kinds[lane, picked]
+    if FIRST_HAIR <= kind <= LAST_DIFFUSE:
+        return pdf, hair_label(kind), hair_roughness(kind, param, lane, picked), 1.0
     is_refracted = dot(read3(param, lane, picked, CLOSURE_N), wi) < 0.0
     if (dot(ng, wi) < 0.0) != is_refracted:
         for c in range(len(channels)):

@@ -30,6 +30,11 @@ DIFFUSE = 1
 FIRST_TRANSLUCENT = 16
 #: Phase function of a medium: sends light all around.
 PHASE = 17
+#: Fibres, FIRST_HAIR to LAST_DIFFUSE: as diffuse kinds they send light all around, but their rays are glossy.
+FIRST_HAIR = 20
+HAIR_REFLECTION = 20
+HAIR_TRANSMISSION = 21
+CHIANG = 22
 LAST_DIFFUSE = 23
 
 # Microfacet kinds: FIRST_MICROFACET to LAST_MICROFACET; those from REFRACTION on transmit.
@@ -77,6 +82,8 @@ ALPHA_Y = CLOSURE_KIND_PARAMS + 2
 ETA = CLOSURE_KIND_PARAMS + 3  # refractive index of the far side over the viewer's side
 ENERGY_SCALE = CLOSURE_KIND_PARAMS + 4
 F0_REAL = CLOSURE_KIND_PARAMS + 5
+#: Of fibres by Chiang's model: variance along the fibre, that of what is reflected first, scale around it.
+CHIANG_WIDTHS = CLOSURE_KIND_PARAMS + 4
 ETA_D = CLOSURE_KIND_PARAMS + 6  # ETA at the d line, where ETA goes through the wavelengths
 F0 = CLOSURE_KIND_PARAMS + 7
 REFLECTION_TINT = F0 + 4

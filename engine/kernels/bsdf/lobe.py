@@ -34,6 +34,27 @@ class Lobe:
     colors: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class HairLobe:
+    """A kind of lobe that a fibre has. It looks at no normal but its own, so that samples go to any side.
+
+    Attributes
+    ----------
+    kind, evaluate, colors
+        As of a `Lobe`; kinds from FIRST_HAIR on.
+    sample : kernel
+        (param, channels, lane, i, wo, u0, u1, u2) -> wi, unit, with the density that `evaluate` returns.
+    roughness : kernel
+        (param, lane, i) -> roughness.
+    """
+
+    kind: int
+    evaluate: Any
+    sample: Any
+    roughness: Any
+    colors: tuple[int, ...] = ()
+
+
 class View(NamedTuple):
     """Where closures are added, as far as all of them need it.
 
@@ -41,9 +62,12 @@ class View(NamedTuple):
     ----------
     wo, ng, ns : tuple of 3 float32
         Direction to the viewer, geometric and smooth shading normal on the viewer's side.
+    tangent : tuple of 3 float32
+        Of the curve, not unit; 0 on other surfaces.
     """
 
     wo: _Vector
     ng: _Vector
     ns: _Vector
     is_backfacing: bool
+    tangent: _Vector

@@ -18,8 +18,10 @@ Kinds that are neither diffuse nor transparent are microfacet lobes, one family 
 import numpy as np
 
 from engine.kernels.bsdf import (
+    chiang,
     diffuse,
     glossy,
+    hair,
     oren_nayar,
     phase,
     plain_glass,
@@ -41,7 +43,10 @@ from engine.kernels.bsdf.kinds import (
 from engine.runtime.jit import by_number
 
 #: Diffuse kinds of lobes, and that of media; they are asked in this order.
-LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE)
+_DIFFUSE_LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE)
+#: What fibres have.
+HAIR_LOBES = (*hair.LOBES, chiang.LOBE)
+LOBES = (*HAIR_LOBES, *_DIFFUSE_LOBES)
 
 #: Instructions that add lobes, by name; they are asked in this order.
 INSTRUCTIONS = {
@@ -54,10 +59,14 @@ INSTRUCTIONS = {
     "GLOSSY": glossy.run_glossy,
     "REFRACTION": glossy.run_refraction,
     "GLASS": glossy.run_glass,
+    "HAIR": hair.run_hair,
+    "CHIANG": chiang.run_chiang,
 }
 
 eval_lobe = by_number({lobe.kind: lobe.evaluate for lobe in LOBES}, "eval_lobe", __name__)
-sample_lobe = by_number({lobe.kind: lobe.sample for lobe in LOBES}, "sample_lobe", __name__)
+sample_lobe = by_number({lobe.kind: lobe.sample for lobe in _DIFFUSE_LOBES}, "sample_lobe", __name__)
+sample_hair = by_number({lobe.kind: lobe.sample for lobe in HAIR_LOBES}, "sample_hair", __name__)
+hair_roughness = by_number({lobe.kind: lobe.roughness for lobe in HAIR_LOBES}, "hair_roughness", __name__)
 run_instruction = by_number(dict(enumerate(INSTRUCTIONS.values())), "run_instruction", __name__)
 
 _MICROFACET_COLORS = {

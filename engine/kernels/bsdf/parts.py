@@ -10,9 +10,10 @@ from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo
 from engine.kernels.bsdf.evaluate import eval_lobe_of
 from engine.kernels.bsdf.kinds import (
     CLOSURE_DISPERSES,
+    FIRST_HAIR,
     FIRST_MICROFACET,
     GLASS,
-    LAST_DIFFUSE,
+    HAIR_TRANSMISSION,
     LAST_MICROFACET,
     REFRACTION,
     TRANSPARENT,
@@ -37,12 +38,12 @@ def _eval_parts(closures, lane, wo, wi, visibility, out):
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
         row = DIFFUSE_LOBES
-        if kind == REFRACTION:
+        if kind == REFRACTION or kind == HAIR_TRANSMISSION:
             row = TRANSMISSIVE_LOBES
         elif kind == GLASS:
             is_refracted = dot(read3(closures.param, lane, i, CLOSURE_N), wi) < 0.0
             row = TRANSMISSIVE_LOBES if is_refracted else GLOSSY_LOBES
-        elif kind > LAST_DIFFUSE:
+        elif kind >= FIRST_HAIR:
             row = GLOSSY_LOBES
         eval_lobe_of(closures.kind, closures.param, closures.channels, lane, i, wo, wi, visibility, -1, out, row)
 
@@ -101,8 +102,11 @@ def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
         if kind == TRANSPARENT:
             continue
         if not FIRST_MICROFACET <= kind <= LAST_MICROFACET:
+            row = DIFFUSE_LOBES
+            if kind >= FIRST_HAIR:
+                row = TRANSMISSIVE_LOBES if kind == HAIR_TRANSMISSION else GLOSSY_LOBES
             for c in range(len(closures.channels)):
-                out[DIFFUSE_LOBES, c] += param[lane, i, CLOSURE_WEIGHT + c]
+                out[row, c] += param[lane, i, CLOSURE_WEIGHT + c]
             continue
         reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo, looks_up_transmission)
         for c in range(len(closures.channels)):

@@ -20,6 +20,7 @@ from engine.state.lanes import (
     POINT_NG,
     POINT_NS,
     POINT_RAY_FLAGS,
+    POINT_TANGENT,
     POINT_WO,
     RAY_CAMERA,
     RAY_PASSES_DONE,
@@ -84,5 +85,6 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
         read_point(points, lane, POINT_NG),
         read_point(points, lane, POINT_NS),
         (points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING) != 0,
+        read_point(points, lane, POINT_TANGENT),
     )
     run_instruction(opcode - LOBES_FIRST, closures, tables, lane, view, w, memory, code, pc)

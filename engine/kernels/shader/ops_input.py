@@ -11,11 +11,13 @@ from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
 from engine.kernels.memory import read3, write3
 from engine.kernels.motion import point_to_world
+from engine.kernels.rounds import shape_at
 from engine.kernels.shader.grids import sample_alpha, sample_grid
 from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
 from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, vector_transform
 from engine.kernels.shader.opcodes import DISPLACEMENT_FIRST, INPUT_FIRST
 from engine.kernels.shader.ops_displacement import run_displacement_op
+from engine.kernels.shader.ops_rounds import is_strand, run_round_op
 from engine.kernels.shader.surface import (
     displaced_barycentrics,
     displaced_position,
@@ -40,6 +42,7 @@ from engine.state.geometry import (
     INSTANCE_MESH,
     MESH_DEFAULT_COLOR,
     MESH_DEFAULT_UV,
+    SHAPE_RIBBONS,
 )
 from engine.state.lanes import (
     POINT_FLAG_BACKFACING,
@@ -50,6 +53,7 @@ from engine.state.lanes import (
     POINT_NS,
     POINT_P,
     POINT_RAY_LENGTH,
+    POINT_TANGENT,
     POINT_TIME,
     POINT_TRIANGLE,
     POINT_U,
@@ -96,10 +100,14 @@ OP_LIGHT_FALLOFF = INPUT_FIRST + 36  # quadratic, linear, constant <- strength, 
 OP_SET_NORMAL = INPUT_FIRST + 37  # <- normal (displacement as bump: the point's shading normal from here on)
 OP_DOT = INPUT_FIRST + 39  # float <- a, b
 OP_GRID = INPUT_FIRST + 40  # vector, fac, alpha <- default | slot, by splines; within a volume
+OP_ROUND = INPUT_FIRST + 41  # float or vector <- | ROUND_*
 
 #: Flags of OP_NORMAL_MAP: its green channel grows downwards; the normal of the tangents' frame is a unit vector.
 NORMAL_MAP_GREEN_DOWN = 1
 NORMAL_MAP_UNIT_FRAME = 2
+
+#: Instead of a tangent slot: on curves the tangent is theirs.
+TANGENT_OF_CURVES = -4
 
 MAPPING_POINT = 0
 MAPPING_TEXTURE = 1
@@ -254,12 +262,55 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
 
 
 @kernel
+def tangent_of(code, pc, geometry, points, lane):
+    """OP_TANGENT."""
+    kind = code[pc + 3]
+    if kind < 3:
+        if code[pc + 4] == TANGENT_OF_CURVES and is_strand(geometry, points, lane):
+            return normalize(read_point(points, lane, POINT_TANGENT))
+        return radial_tangent(geometry, points, lane, kind)
+    uv_slot = code[pc + 5]
+    instance = points.integer[lane, POINT_INSTANCE]
+    if uv_slot < 0:
+        uv_slot = default_slot(geometry, instance, MESH_DEFAULT_UV)
+    c = (0.0, 0.0, 0.0)
+    if instance >= 0:
+        c, sign = uv_tangent_object(geometry, points, lane, code[pc + 4], uv_slot)
+        if sign != 0.0:
+            c = orthogonal_tangent(geometry, points, lane, c)
+    return c
+
+
+@kernel
+def run_light_falloff(code, pc, memory, distance):
+    """OP_LIGHT_FALLOFF, of light that has come so far."""
+    strength = memory[code[pc + 5]]
+    smooth = memory[code[pc + 6]]
+    squared = distance * distance
+    quadratic = strength
+    linear = strength
+    constant = strength
+    # Distant lights have no falloff to undo.
+    if distance < 1e30:
+        if smooth > 0.0:
+            strength = strength * squared / (smooth + squared)
+        quadratic = strength
+        linear = strength * distance
+        constant = strength * squared
+    memory[code[pc + 2]] = quadratic
+    memory[code[pc + 3]] = linear
+    memory[code[pc + 4]] = constant
+
+
+@kernel
 def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camera, pass_indices):
     """Run the instruction at `pc` for the point of `lane`; those most programs have, OP_NORMAL and OP_ATTRIBUTE, are
     the interpreter's own.
     """
     if opcode == OP_GRID:
         run_grid(code, pc, memory, geometry, points, lane)
+    elif opcode == OP_ROUND:
+        run_round_op(code, pc, memory, geometry, points, lane)
     elif opcode == OP_COLOR_TO_FLOAT:
         c = read3(memory, code[pc + 3])
         memory[code[pc + 2]] = LUMINANCE_R * c[0] + LUMINANCE_G * c[1] + LUMINANCE_B * c[2]
@@ -298,7 +349,9 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         write3(memory, code[pc + 2], direction)
     elif OP_POSITION <= opcode <= OP_WINDOW:
         if opcode == OP_TRUE_NORMAL:
-            write3(memory, code[pc + 2], read_point(points, lane, POINT_NG))
+            # A ribbon faces the ray.
+            is_ribbon = shape_at(geometry, points.integer[lane, POINT_INSTANCE]) == SHAPE_RIBBONS
+            write3(memory, code[pc + 2], read_point(points, lane, POINT_WO if is_ribbon else POINT_NG))
         elif opcode == OP_INCOMING:
             write3(memory, code[pc + 2], read_point(points, lane, POINT_WO))
         elif opcode == OP_BACKFACING:
@@ -377,19 +430,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         )
         write3(memory, code[pc + 2], n)
     elif opcode == OP_TANGENT:
-        kind = code[pc + 3]
-        if kind < 3:
-            c = radial_tangent(geometry, points, lane, kind)
-        else:
-            uv_slot = code[pc + 5]
-            instance = points.integer[lane, POINT_INSTANCE]
-            if uv_slot < 0:
-                uv_slot = default_slot(geometry, instance, MESH_DEFAULT_UV)
-            c = (0.0, 0.0, 0.0)
-            if instance >= 0:
-                c, sign = uv_tangent_object(geometry, points, lane, code[pc + 4], uv_slot)
-                if sign != 0.0:
-                    c = orthogonal_tangent(geometry, points, lane, c)
+        c = tangent_of(code, pc, geometry, points, lane)
         write3(memory, code[pc + 2], c)
     elif opcode == OP_FRESNEL:
         eta = max(memory[code[pc + 3]], 1e-5)
@@ -423,23 +464,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         )
         write3(memory, code[pc + 2], c)
     elif opcode == OP_LIGHT_FALLOFF:
-        strength = memory[code[pc + 5]]
-        smooth = memory[code[pc + 6]]
-        distance = points.real[lane, POINT_RAY_LENGTH]
-        squared = distance * distance
-        quadratic = strength
-        linear = strength
-        constant = strength
-        # Distant lights have no falloff to undo.
-        if distance < 1e30:
-            if smooth > 0.0:
-                strength = strength * squared / (smooth + squared)
-            quadratic = strength
-            linear = strength * distance
-            constant = strength * squared
-        memory[code[pc + 2]] = quadratic
-        memory[code[pc + 3]] = linear
-        memory[code[pc + 4]] = constant
+        run_light_falloff(code, pc, memory, points.real[lane, POINT_RAY_LENGTH])
     elif opcode == OP_SATURATE:
         memory[code[pc + 2]] = min(max(memory[code[pc + 3]], 0.0), 1.0)
     elif opcode == OP_DOT:

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hair, curves and point clouds: strands of keys with radii, and spheres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from engine.array_types import Float32Array, Int32Array, Uint32Array
+from engine.scene.attribute_names import UNDEFORMED
+from engine.scene.description import Attribute, Mesh
+from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
+
+from .attributes import read_values
+from .context import ExportContext
+from .geometry import export_kept
+from .materials import AttributeRequest
+from .particle_hair import ParticleHair, read_hair
+
+#: Cycles' shapes of curves.
+_SHAPES = {"RIBBONS": RIBBONS, "THICK": ROUND, "THICK_LINEAR": ROUND_LINEAR}
+#: What Cycles takes where there are no radii [m].
+_CURVE_RADIUS, _POINT_RADIUS = 0.005, 0.01
+_POLY = 1
+#: A texture space in which Generated coordinates are those of the object.
+_OBJECT_SPACE = np.full((2, 3), 0.5, np.float32)
+
+
+@dataclass
+class Strands:
+    """Curves as they were read: keys in a row, and where each curve begins.
+
+    Attributes
+    ----------
+    positions : float32 (K, 3), radii : float32 (K,)
+    offsets : int64 (C + 1,)
+    material : int32 (C,), slots
+    of_keys, of_curves : dict of float32 (K | C, width), by the attributes' names
+    """
+
+    positions: Float32Array
+    radii: Float32Array
+    offsets: npt.NDArray[np.int64]
+    material: Int32Array
+    of_keys: dict[str, Float32Array] = field(default_factory=dict)
+    of_curves: dict[str, Float32Array] = field(default_factory=dict)
+    default_uv: str = ""
+
+
+def export_rounds(
+    context: ExportContext, source: Any, owner: bpy.types.Object, request: AttributeRequest
+) -> Mesh | None:
+    """Curves, points or the hair of an object; None where there are none.
+
+    Parameters
+    ----------
+    source : Curves, PointCloud or ParticleHair
+        Evaluated.
+    owner : Object
+        Whose evaluation made it.
+    """
+    if isinstance(source, ParticleHair):
+        read_it = partial(_read_hair, context, source, request)
+        return export_kept(context, owner, f"{source.name} (hair)", request, read_it)
+    read = _read_points if isinstance(source, bpy.types.PointCloud) else _read_curves
+    return export_kept(context, owner, source.name_full, request, partial(read, context, source, request))
+
+
+def hash_to_unit(numbers: npt.NDArray[np.int64]) -> Float32Array:
+    """Cycles' random numbers of strands and points, float32 (N,): a hash of their index (Jenkins' lookup3, 2006)."""
+    start = np.uint32(0xDEADBEEF + (2 << 2) + 13)
+    a, b, c = numbers.astype(np.uint32) + start, np.full(len(numbers), start), np.full(len(numbers), start)
+
+    def rotate(x: Uint32Array, k: int) -> Uint32Array:
+        return (x << np.uint32(k)) | (x >> np.uint32(32 - k))
+
+    c = (c ^ b) - rotate(b, 14)
+    a = (a ^ c) - rotate(c, 11)
+    b = (b ^ a) - rotate(a, 25)
+    c = (c ^ b) - rotate(b, 16)
+    a = (a ^ c) - rotate(c, 4)
+    b = (b ^ a) - rotate(a, 14)
+    c = (c ^ b) - rotate(b, 24)
+    return c.astype(np.float32) * np.float32(1.0 / 0xFFFFFFFF)
+
+
+def _read_curves(context: ExportContext, curves: Any, request: AttributeRequest) -> Mesh | None:
+    key_count, curve_count = len(curves.points), len(curves.curves)
+    if not curve_count:
+        return None
+    offsets = np.empty(curve_count + 1, np.int32)
+    curves.curve_offset_data.foreach_get("value", offsets)
+    strands = Strands(
+        _read_vectors(curves.position_data, key_count),
+        _read_radii(curves, key_count, _CURVE_RADIUS),
+        offsets.astype(np.int64),
+        np.zeros(curve_count, np.int32),
+    )
+    for attribute in curves.attributes:
+        is_uv = attribute.data_type == "FLOAT2" and attribute.domain == "CURVE"
+        if attribute.name not in request.names and not is_uv:
+            continue
+        values = read_values(attribute)
+        if values is None:
+            continue
+        if is_uv and not strands.default_uv:
+            strands.default_uv = attribute.name
+        (strands.of_curves if attribute.domain == "CURVE" else strands.of_keys)[attribute.name] = values
+    types = curves.attributes.get("curve_type")
+    is_poly = types is not None and len(types.data) > 0 and types.data[0].value == _POLY
+    mesh = _mesh_of(context, curves.name, strands, request, ROUND_LINEAR if is_poly else None)
+    if mesh is not None:
+        mesh.texture_space = _OBJECT_SPACE
+    return mesh
+
+
+def _read_hair(context: ExportContext, hair: ParticleHair, request: AttributeRequest) -> Mesh | None:
+    found = read_hair(context, hair, request)
+    if found is None:
+        return None
+    strands = Strands(
+        found.positions, found.radii, found.offsets, found.material, {}, found.of_curves, found.default_uv
+    )
+    mesh = _mesh_of(context, hair.name, strands, request, None)
+    if mesh is not None:
+        mesh.texture_space = found.texture_space
+        if request.generated:
+            roots = strands.positions[strands.offsets[:-1]]
+            mesh.attributes[UNDEFORMED] = Attribute("FACE", roots[_curve_of_rows(mesh, strands)])
+    return mesh
+
+
+def _curve_of_rows(mesh: Mesh, strands: Strands) -> npt.NDArray[np.intp]:
+    return np.searchsorted(strands.offsets, mesh.triangles[:, 2], side="right") - 1
+
+
+def _mesh_of(
+    context: ExportContext, name: str, strands: Strands, request: AttributeRequest, shape: str | None
+) -> Mesh | None:
+    """Curves of one key are none, as in Cycles."""
+    counts = np.diff(strands.offsets)
+    firsts = np.repeat(strands.offsets[:-1], counts)
+    has_next = np.ones(len(firsts), np.bool_)
+    has_next[strands.offsets[1:][counts > 0] - 1] = False
+    keys = np.flatnonzero(has_next)
+    if not len(keys):
+        return None
+    rows = np.stack([keys, keys + 1, firsts[keys]], axis=1).astype(np.uint32)
+    settings = getattr(context.scene, "cycles_curves", None)
+    if shape is None:
+        shape = _SHAPES[getattr(settings, "shape", "RIBBONS")]
+    mesh = Mesh(
+        key=None,
+        name=name,
+        vertices=strands.positions,
+        triangles=rows,
+        corner_normals=None,
+        material_slots=np.zeros(len(rows), np.int32),
+        default_uv=strands.default_uv,
+        rounds=Rounds(shape, strands.radii, int(getattr(settings, "subdivisions", 2))),
+    )
+    of_rows = _curve_of_rows(mesh, strands)
+    mesh.material_slots = np.ascontiguousarray(strands.material[of_rows])
+    _add_standard(strands, request)
+    for attribute, values in strands.of_keys.items():
+        mesh.attributes[attribute] = Attribute("POINT", values)
+    for attribute, values in strands.of_curves.items():
+        mesh.attributes[attribute] = Attribute("FACE", np.ascontiguousarray(values[of_rows]))
+    return mesh
+
+
+def _add_standard(strands: Strands, request: AttributeRequest) -> None:
+    """What Cycles makes itself: how far along its curve a key is, the curves' lengths, and random numbers."""
+    count = len(strands.offsets) - 1
+    if "curve_random" in request.names:
+        strands.of_curves["curve_random"] = hash_to_unit(np.arange(count))[:, None]
+    if not request.names & {"curve_intercept", "curve_length"}:
+        return
+    steps = np.zeros(len(strands.positions))
+    steps[1:] = np.linalg.norm(np.diff(strands.positions.astype(np.float64), axis=0), axis=1)
+    counts = np.diff(strands.offsets)
+    begins = strands.offsets[:-1][counts > 0]
+    steps[begins] = 0.0
+    so_far = np.cumsum(np.nan_to_num(steps, posinf=0.0))
+    along = so_far - np.repeat(so_far[begins], counts[counts > 0])
+    lengths = np.zeros(count)
+    lengths[counts > 0] = along[strands.offsets[1:][counts > 0] - 1]
+    of_keys = np.repeat(lengths, counts)
+    intercept = np.divide(along, of_keys, out=np.zeros_like(along), where=of_keys > 0.0)
+    strands.of_keys["curve_intercept"] = intercept.astype(np.float32)[:, None]
+    strands.of_curves["curve_length"] = lengths.astype(np.float32)[:, None]
+
+
+def _read_points(context: ExportContext, cloud: Any, request: AttributeRequest) -> Mesh | None:
+    count = len(cloud.points)
+    if not count:
+        return None
+    numbers = np.arange(count, dtype=np.uint32)
+    mesh = Mesh(
+        key=None,
+        name=cloud.name,
+        vertices=_read_vectors(cloud.attributes["position"].data, count),
+        triangles=np.repeat(numbers[:, None], 3, axis=1),
+        corner_normals=None,
+        material_slots=np.zeros(count, np.int32),
+        texture_space=_OBJECT_SPACE,
+        rounds=Rounds(SPHERES, _read_radii(cloud, count, _POINT_RADIUS)),
+    )
+    for attribute in cloud.attributes:
+        values = read_values(attribute) if attribute.name in request.names else None
+        if values is not None:
+            mesh.attributes[attribute.name] = Attribute("POINT", values)
+    if "point_random" in request.names:
+        mesh.attributes["point_random"] = Attribute("POINT", hash_to_unit(np.arange(count))[:, None])
+    return mesh
+
+
+def _read_vectors(data: Any, count: int) -> Float32Array:
+    flat = np.empty(count * 3, np.float32)
+    data.foreach_get("vector", flat)
+    return flat.reshape(-1, 3)
+
+
+def _read_radii(source: Any, count: int, otherwise: float) -> Float32Array:
+    stored = source.attributes.get("radius")
+    if stored is None or (stored.domain, stored.data_type) != ("POINT", "FLOAT"):
+        return np.full(count, otherwise, np.float32)
+    radii = np.empty(count, np.float32)
+    stored.data.foreach_get("value", radii)
+    return radii

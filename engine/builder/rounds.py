@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Radii of curves and spheres, checked and laid one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array
+from engine.scene.description import Mesh, Notice
+from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES
+from engine.state import geometry as layout
+
+#: Numbers of `Rounds.shape` in `MESH_SHAPE`.
+SHAPES = {
+    RIBBONS: layout.SHAPE_RIBBONS,
+    ROUND: layout.SHAPE_ROUND,
+    ROUND_LINEAR: layout.SHAPE_ROUND_LINEAR,
+    SPHERES: layout.SHAPE_SPHERES,
+}
+
+
+def lay_radii(
+    meshes: Sequence[Mesh], transforms: Sequence[Float32Array | None], notices: list[Notice]
+) -> tuple[Float32Array, Int32Array]:
+    """Radii of all vertices of curves and spheres, float32 (R,), and where those of each mesh begin, -1 = it has none.
+
+    Where a mesh is to be stored in world space, `transforms` has its own: radii grow by the cube root of the growth in
+    volume, as in Cycles.
+    """
+    firsts = np.full(len(meshes), -1, np.int32)
+    parts: list[np.ndarray] = []
+    total = 0
+    for index, (mesh, transform) in enumerate(zip(meshes, transforms, strict=True)):
+        if mesh.rounds is None:
+            continue
+        radii = np.asarray(mesh.rounds.radii, np.float32)
+        is_good = np.isfinite(radii) & (radii >= 0.0)
+        if not is_good.all():
+            problem = f"{int((~is_good).sum())} radii are negative, NaN or infinite"
+            notices.append(Notice(f"mesh {mesh.name}", problem, "they are 0"))
+            radii = np.where(is_good, radii, np.float32(0.0))
+        if transform is not None:
+            growth = abs(np.linalg.det(transform[:3, :3].astype(np.float64)))
+            radii = radii * np.float32(np.cbrt(growth))
+        firsts[index] = total
+        parts.append(radii)
+        total += len(radii)
+    return np.concatenate(parts) if parts else np.zeros(0, np.float32), firsts
