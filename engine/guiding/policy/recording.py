@@ -143,8 +143,8 @@ class UnguidedRecording(Recording):
         else:
             self.is_over = not goes_on
         threshold = self.budget.threshold(iteration.next_range[1]) if goes_on else 0
-        weights = None if self._after_guiding else iteration.image.weights
-        return Guidance(settings, threshold, pixel_weight=weights)
+        # Lights are learned by what samples bring to their pixels: without weights they would be forgotten.
+        return Guidance(settings, threshold, pixel_weight=iteration.image.weights)
 
 
 class CacheRecording(Recording):
