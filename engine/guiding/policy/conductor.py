@@ -15,6 +15,7 @@ from engine.guiding.policy.evidence import Evidence
 from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Traced
+from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.keeping import FieldKeeper
 from engine.guiding.policy.learnables.face import Learnable, Rehearsal
 from engine.guiding.policy.recording import Recording
@@ -90,6 +91,7 @@ class Conductor:
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         self._recording.budget.paths_per_sample = pixel_count
         self._evidence.remaining.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
+        self._standing.is_narrow = is_narrow(pixel_count, self._facts.pixel_count, self._facts.rules)
         for question in self.agenda.questions:
             question.narrow(pixel_count, self._evidence.remaining.expected_samples)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether something is still done in a render: the question whether it is worth it writes that, all others read it."""
+"""What all questions of a render read: whether guiding goes on, and whether there are pixels enough to compare."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from dataclasses import dataclass
 class Standing:
     """Where guiding stands, or the radiance cache.
 
-    is_over : bool, it has been given up
+    is_over : bool, it has been given up: the question whether it is worth it writes that
+    is_narrow : bool, a noise threshold has left so few pixels that nothing is compared any more
     """
 
     is_over: bool = False
+    is_narrow: bool = False

@@ -13,7 +13,6 @@ from engine.guiding.policy import trial
 from engine.guiding.policy.cautious import CautiousTrial
 from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.learnables.source import LearnedSource
 from engine.guiding.policy.plain_trial import PlainTrial
@@ -61,7 +60,6 @@ class GuidingQuestion(Question):
         self._facts, self._standing, self._regions, self._source = facts, standing, regions, source
         self._method, self._media, self._cautious = method, media, cautious
         self._uses_clock, self._trial_share = uses_clock, trial_share
-        self._is_narrow = False
         self._is_guiding = regions.models is not None and not (source is not None and source.is_missed)
         self.trial = PlainTrial(
             facts.pixel_count, tries_plain=facts.settings.guiding_trial, rules=facts.rules
@@ -94,7 +92,6 @@ class GuidingQuestion(Question):
         return is_tried and not (self.trial.is_paying or is_promising)
 
     def narrow(self, pixel_count: int, expected_samples: float) -> None:
-        self._is_narrow = is_narrow(pixel_count, self._facts.pixel_count, self._facts.rules)
         if pixel_count < self._facts.pixel_count:
             # Units are divided by which pixels go on.
             self._trial_share = 1.0
@@ -166,7 +163,7 @@ class GuidingQuestion(Question):
         knows_something = self._is_guiding = self._regions.models is not None
         parts = self.trial.plan(
             *iteration.next_range, knows_something=knows_something, is_whole=iteration.traced.is_whole,
-            is_last=self._is_narrow or iteration.is_next_last, is_free=is_free,
+            is_last=self._standing.is_narrow or iteration.is_next_last, is_free=is_free,
         )
         self.other_parts = ()
         if knows_something and self._trial_share < 1.0 and self.is_doubtful and not self.is_settled:

@@ -16,7 +16,6 @@ import numpy as np
 
 from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.questions.face import Question
 from engine.guiding.policy.rules import RULES, Rules
@@ -129,15 +128,11 @@ class MediaQuestion(Question):
 
     def __init__(self, facts: RenderFacts, standing: Standing, regions: LearnedRegions) -> None:
         self._facts, self._standing, self._regions = facts, standing, regions
-        self._is_narrow = False
         self.trial = MediaTrial(facts.pixel_count, facts.rules)
 
     @property
     def is_over(self) -> bool:
         return self._standing.is_over
-
-    def narrow(self, pixel_count: int, expected_samples: float) -> None:
-        self._is_narrow = is_narrow(pixel_count, self._facts.pixel_count, self._facts.rules)
 
     def observe(self, unit: Unit, film: FilmTile, cost: float, *, is_aside: bool) -> None:
         if self.trial.is_running:
@@ -151,7 +146,7 @@ class MediaQuestion(Question):
     def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
         knows_media = self._regions.knows_media
         is_free &= self._facts.settings.guiding_trial and knows_media
-        is_free &= not (self._is_narrow or iteration.is_next_last)
+        is_free &= not (self._standing.is_narrow or iteration.is_next_last)
         self.trial.plan(*iteration.next_range, is_free=is_free)
         if knows_media:
             self._facts.report.guides = self.trial.guided

@@ -19,7 +19,6 @@ from engine.guiding.policy.costs import MethodCosts
 from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.learnables.predictors import LearnedPredictors
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.questions.face import Question
@@ -252,7 +251,6 @@ class MethodQuestion(Question):
         self._facts, self._standing, self._regions, self._predictors = facts, standing, regions, predictors
         self._costs, self._ladder, self._gate = costs, ladder, gate
         self._gain = ResamplingGain(facts.rules)
-        self._is_narrow = False
         self.trial = MethodTrial(facts.pixel_count, ladder.coarsest, facts.rules)
 
     @property
@@ -262,9 +260,6 @@ class MethodQuestion(Question):
     @property
     def is_comparing(self) -> bool:
         return self.trial.challenger != ""
-
-    def narrow(self, pixel_count: int, expected_samples: float) -> None:
-        self._is_narrow = is_narrow(pixel_count, self._facts.pixel_count, self._facts.rules)
 
     def observe(self, unit: Unit, film: FilmTile, cost: float, *, is_aside: bool) -> None:
         self.trial.compare(unit, film, cost)
@@ -290,7 +285,7 @@ class MethodQuestion(Question):
             if len(iteration.parts) == 1:
                 self._costs.measure(choice.rung, iteration.costs)
             offers = self._ladder.offers(choice, iteration.next_sample, self._gain.is_worth_it, models, self._gate)
-        if self._is_narrow or iteration.is_next_last:
+        if self._standing.is_narrow or iteration.is_next_last:
             choice.drop()
             return ()
         return choice.plan(*iteration.next_range, offers) if is_free else ()
