@@ -13,6 +13,7 @@ import numpy as np
 from engine.builder import light_tree as lt
 from engine.builder.lamp_kind import LampColumns, LampDraft, LampKind, norm, unit
 from engine.kernels.lights import area as area_lamp
+from engine.scene.description import Light
 
 
 def _unit_as_cycles(vectors: np.ndarray) -> np.ndarray:
@@ -81,4 +82,14 @@ def _convert_areas(lamps: LampColumns, draft: LampDraft) -> None:
     )
 
 
-AREAS = LampKind(area_lamp.LAMP, _convert_areas, measures=("size_x", "size_y", "spread"), choices=("shape",))
+def _corners(light: Light) -> np.ndarray:
+    """See `LampKind.corners`."""
+    matrix = np.asarray(light.transform, np.float64)
+    size_y = light.size_x if light.shape in ("SQUARE", "DISK") else light.size_y
+    along = 0.5 * matrix[:3, 0] * light.size_x, 0.5 * matrix[:3, 1] * size_y
+    return np.array([matrix[:3, 3] + a * along[0] + b * along[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+
+
+AREAS = LampKind(
+    area_lamp.LAMP, _convert_areas, measures=("size_x", "size_y", "spread"), choices=("shape",), corners=_corners
+)

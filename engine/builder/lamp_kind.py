@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from engine.kernels.lights.lamp import Lamp
+from engine.scene.description import Light
 from engine.state import lights as la
 
 
@@ -127,6 +128,9 @@ class LampKind:
         Fields of `Light` that say how large a lamp is: one where any is no number is left out.
     choices : tuple of str
         Other fields of `Light` that only some kinds have.
+    corners : callable (Light) -> float64 (4, 3), optional
+        Of kinds that are flat, and so may lie in a surface: corners in turn of what a lamp covers, world [m]; of round
+        ones, of the square around them.
     example : mapping
         Fields of a `Light` of the kind that is wide as seen from a metre below: by it kernels are compiled ahead, and
         tested.
@@ -136,4 +140,5 @@ class LampKind:
     convert: Callable[[LampColumns, LampDraft], None]
     measures: tuple[str, ...]
     choices: tuple[str, ...] = ()
+    corners: Callable[[Light], np.ndarray] | None = None
     example: Mapping[str, Any] = field(default_factory=dict)

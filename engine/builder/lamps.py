@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
@@ -80,6 +81,28 @@ def _is_grey(colors: np.ndarray) -> np.ndarray:
 
 #: By `Light.kind`.
 LAMP_KINDS: dict[str, LampKind] = {"POINT": POINTS, "SPOT": SPOTS, "AREA": AREAS, "SUN": SUNS}
+
+
+#: Kinds of lamps that may lie in a surface.
+_FLAT = {name: kind.corners for name, kind in LAMP_KINDS.items() if kind.corners is not None}
+
+
+def corners_of_flat(lights: Sequence[Light]) -> tuple[np.ndarray, npt.NDArray[np.int64]]:
+    """Corners of flat lamps (`LampKind.corners`), float64 (K, 4, 3) [m], and their indices, (K,)."""
+    index = [k for k, light in enumerate(lights) if light.kind in _FLAT]
+    corners = np.zeros((len(index), 4, 3))
+    for row, k in enumerate(index):
+        corners[row] = _FLAT[lights[k].kind](lights[k])
+    return corners, np.array(index, np.int64)
+
+
+def places_of_flat(lights: Sequence[Light]) -> list[tuple[Any, ...]]:
+    """All that `corners_of_flat` goes by, and the lamps' names, for a digest."""
+    fields = {name: LAMP_KINDS[name].measures + LAMP_KINDS[name].choices for name in _FLAT}
+    return [
+        (light.name, light.transform, *(getattr(light, name) for name in fields[light.kind]))
+        for light in lights if light.kind in fields
+    ]  # fmt: skip
 
 
 # ---------------------------------------------------------------------------------------------------------------------

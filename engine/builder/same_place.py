@@ -3,7 +3,7 @@
 
 Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
 such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
-start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at area lamps in the
+start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at flat lamps in the
 plane of a surface, on glass that may touch something and on what it may touch, and on instances so far from the origin
 that the error is a part of their size, or of that of what stands on them, as on curves and spheres. Surfaces elsewhere
 that lie in one place with others do not shadow each other (docs/differences.md).
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from engine.builder.lamps import corners_of_flat
 from engine.builder.touching_glass import touching_glass
 from engine.builder.world_boxes import REACH, WorldBoxes, are_round, has_triangles, world_boxes, world_matrices
 from engine.kernels.surface import RELATIVE_ERROR
@@ -46,7 +47,7 @@ class SamePlace:
     instances : bool (I,)
         Which are far from the origin for their size, or glass that may touch something, or what it may touch; curves.
     lights : int64 (L,)
-        Area lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
+        Flat lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
     notices : list of Notice
         Which lamps lie in what.
     """
@@ -80,18 +81,6 @@ def _far_instances(boxes: WorldBoxes, is_there: npt.NDArray[np.bool_]) -> npt.ND
     is_beyond = from_origin * RELATIVE_ERROR > _LARGEST_ERROR_BESIDE_OTHERS * np.quantile(usual, 0.25, method="lower")
     far: npt.NDArray[np.bool_] = is_there & (_are_far(boxes.extent, sizes) | is_beyond)
     return far
-
-
-def _lamp_corners(lights: Sequence[Light]) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of area lamps, in turn, float64 (K, 4, 3), and their indices; of round ones, of squares around them."""
-    index = [k for k, light in enumerate(lights) if light.kind == "AREA"]
-    corners = np.zeros((len(index), 4, 3))
-    for row, k in enumerate(index):
-        light, matrix = lights[k], np.asarray(lights[k].transform, np.float64)
-        size_y = light.size_x if light.shape in ("SQUARE", "DISK") else light.size_y
-        along = 0.5 * matrix[:3, 0] * light.size_x, 0.5 * matrix[:3, 1] * size_y
-        corners[row] = [matrix[:3, 3] + a * along[0] + b * along[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    return corners, np.array(index, np.int64)
 
 
 def _overlaps(quad: np.ndarray, triangles: np.ndarray, least: float) -> bool:
@@ -213,7 +202,7 @@ def find_same_place(
     with np.errstate(all="ignore"):
         matrices = world_matrices(geometry)
         boxes = world_boxes(geometry, matrices)
-        quads, of_lights = _lamp_corners(lights)
+        quads, of_lights = corners_of_flat(lights)
         instances = _far_instances(boxes, has_triangles(geometry)) | touching_glass(
             geometry, matrices, boxes, is_glass
         )

@@ -20,6 +20,7 @@ from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map
 from engine.builder.geometry import GeometryCache, build_geometry
+from engine.builder.lamps import places_of_flat
 from engine.builder.lights import build_lights
 from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
@@ -135,13 +136,12 @@ def _shadow_masks(
 
 def _find_same_place(cache: SceneCache, description: SceneDescription, geometry: GeometryArrays) -> SamePlace:
     """Where rays start and end in place: what is at hand where neither geometry nor lamps are others."""
-    lamps = [(light.name, light.shape, light.size_x, light.size_y, light.transform)
-             for light in description.lights if light.kind == "AREA"]  # fmt: skip
     names = tuple(description.instances.name)
     refracts = np.array([program.refracts for program in cache.programs.compiled], bool)
     is_glass = _have_some(geometry, cache.geometry.slot_counts, refracts)
+    lamps = content_digest(places_of_flat(description.lights))
     return cache.same_place.get(
-        (cache.geometry.geometry.version, names, content_digest(lamps), is_glass.tobytes()),
+        (cache.geometry.geometry.version, names, lamps, is_glass.tobytes()),
         lambda: find_same_place(geometry, description.lights, names, is_glass),
     )
 
