@@ -116,6 +116,7 @@ def render_costs() -> dict[str, float]:
     from engine.guiding.policy.trial import Part
     from engine.render.film import Film
     from engine.render.render_loop import RenderLoop
+    from engine.render.request import RenderRequest
     from engine.render.session import Session
     from engine.render.tiles import FrameTiles
     from engine.state.unit import CURRENT
@@ -137,7 +138,7 @@ def render_costs() -> dict[str, float]:
     count, sums, _, _, vertices, _ = packed
     times = []
     for _ in range(_REPEATS):
-        loop = RenderLoop(frame, Film(x1 - x0, y1 - y0), settings, 1, lambda guidance: None)
+        loop = RenderLoop(RenderRequest(frame, settings), Film(x1 - x0, y1 - y0), 1, lambda guidance: None)
         loop.ready()
         tasks = [loop.take() for _ in tiles]
         began = time.process_time()

@@ -13,10 +13,10 @@ from engine.cluster.job import PATIENCE, ClusterJob
 from engine.cluster.pool import Pool
 from engine.cluster.work import digest_of
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.request import LearningRequest
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop
 from engine.render.report import Progress
+from engine.render.request import RenderRequest
 from engine.render.session import Session
 from engine.scene.description import Camera, Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
@@ -35,6 +35,8 @@ class ClusterSession(Session):
     patience : float
         Least time [s] that a range may take before others are asked for it as well.
     """
+
+    _on_cluster = True
 
     def __init__(self, settings: RenderSettings, pool: Pool, patience: float = PATIENCE) -> None:
         super().__init__(settings)
@@ -70,12 +72,8 @@ class ClusterSession(Session):
         self.load(replace(self.scene.description, camera=camera, frame=frame))
 
     def _job(
-        self, scene: Scene, settings: RenderSettings, film: Film, _ray_observer: Callable[..., None] | None,
-        request: LearningRequest, samples: int | None,
+        self, scene: Scene, request: RenderRequest, film: Film, _ray_observer: Callable[..., None] | None
     ) -> ClusterJob:
-        # Seconds of different machines do not compare: costs are counted in rays, and networks are trained between
-        # iterations.
-        settings = replace(settings, deterministic=True, network_backend="KERNEL")
         jobs: weakref.WeakSet[ClusterJob] = weakref.WeakSet()
 
         def follow(guidance: Guidance) -> None:
@@ -83,11 +81,8 @@ class ClusterSession(Session):
             for job in jobs:
                 job.follow(guidance)
 
-        tracer = self._take_tracer(scene, settings, film.layout)
-        loop = RenderLoop(
-            scene.description.frame, film, settings, self.thread_count, follow, tracer.light_clusters, request,
-            samples,
-        )
+        tracer = self._take_tracer(scene, request.settings, film.layout)
+        loop = RenderLoop(request, film, self.thread_count, follow, tracer.light_clusters)
         job = ClusterJob(self._pool, self._digest, loop, self._patience)
         jobs.add(job)
         return job

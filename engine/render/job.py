@@ -12,16 +12,15 @@ import numpy as np
 
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learner import Learner
-from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop, RenderLoopJob
 from engine.render.report import Progress
+from engine.render.request import RenderRequest
 from engine.render.schedule import Task
 from engine.render.tracer import Tracer
-from engine.scene.description import Frame, Notice
-from engine.settings import RenderSettings
+from engine.scene.description import Notice
 
 _PREPARING = "Preparing kernels"
 
@@ -85,26 +84,18 @@ class Job(RenderLoopJob):
     ----------
     tracer : Tracer
         That has taken the scene.
-    frame : Frame
+    request : RenderRequest
     film : Film
-    settings : RenderSettings
+        As `request.make_film` makes it.
     thread_count : int
-    request : LearningRequest
-    samples : int, optional
-        Where to stop, before the number of the settings.
     """
 
-    def __init__(
-        self, tracer: Tracer, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
-        request: LearningRequest = NOTHING_ASKED, samples: int | None = None,
-    ) -> None:
-        self.tracer, self.film, self.settings = tracer, film, settings
+    def __init__(self, tracer: Tracer, request: RenderRequest, film: Film, thread_count: int) -> None:
+        self.tracer, self.film, self.settings = tracer, film, request.settings
         self.thread_count = thread_count
         self.prepare_seconds = 0.0
         self.render_seconds = 0.0
-        self._loop = RenderLoop(
-            frame, film, settings, thread_count, tracer.follow, tracer.light_clusters, request, samples
-        )
+        self._loop = RenderLoop(request, film, thread_count, tracer.follow, tracer.light_clusters)
         self._busy = 0
         #: Read by kernels: not 0 ends them after the round in work.
         self._stop_flag = np.zeros(1, np.int32)

@@ -19,7 +19,6 @@ from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.iterations import LearningRests
 from engine.guiding.policy.learner import Learner
-from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import Part
 from engine.guiding.records.unit_records import UnitRecords
@@ -27,6 +26,7 @@ from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
+from engine.render.request import RenderRequest
 from engine.render.schedule import (
     LARGEST_TASK_SAMPLES,
     Iterations,
@@ -40,8 +40,7 @@ from engine.render.schedule import (
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tiles import FrameTiles, Tile, TrialTiles
 from engine.render.time_left import SHORTEST_PASS, TimeLeft
-from engine.scene.description import Frame, Notice
-from engine.settings import RenderSettings
+from engine.scene.description import Notice
 from engine.state.columns import rows_of
 from engine.state.film import FilmTile
 from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
@@ -60,18 +59,15 @@ class RenderLoop:
 
     Parameters
     ----------
-    frame : Frame
+    request : RenderRequest
     film : Film
-    settings : RenderSettings
+        As `request.make_film` makes it.
     thread_count : int
         To learn with.
     follow : callable (Guidance) -> None
         Is told what tasks go by that are handed out after the call; no task is out meanwhile.
     light_clusters : bool (C,), optional
         As of `RenderFacts`.
-    request : LearningRequest
-    samples : int, optional
-        Where to stop, before the number of the settings.
 
     Attributes
     ----------
@@ -91,12 +87,11 @@ class RenderLoop:
     """
 
     def __init__(
-        self, frame: Frame, film: Film, settings: RenderSettings, thread_count: int,
-        follow: Callable[[Guidance], None], light_clusters: npt.NDArray[np.bool_] | None = None,
-        request: LearningRequest = NOTHING_ASKED, samples: int | None = None,
+        self, request: RenderRequest, film: Film, thread_count: int, follow: Callable[[Guidance], None],
+        light_clusters: npt.NDArray[np.bool_] | None = None,
     ) -> None:
-        self.samples = samples = settings.samples if samples is None else min(samples, settings.samples)
-        self.film, self.settings = film, settings
+        frame, settings, samples = request.frame, request.settings, request.samples
+        self.film, self.settings, self.samples = film, settings, samples
         self._follow = follow
         self.film_lock = threading.Lock()
         self.changed = threading.Condition()
@@ -127,7 +122,7 @@ class RenderLoop:
             self._trial_tiles = TrialTiles(frame)
             trial_share = self._trial_tiles.trial_pixels / pixel_count
         self.learner: Learner | None = make_learner(
-            settings, thread_count, pixel_count, tiles.largest, request, light_clusters, trial_share,
+            settings, thread_count, pixel_count, tiles.largest, request.learning, light_clusters, trial_share,
             has_media=film.layout.has_media and self.strata == 1,
         )
         if self.learner is not None:
@@ -139,7 +134,7 @@ class RenderLoop:
         self._units: dict[int, list[UnitRecords]] = {}
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
         self._learned: Guidance | None = None
-        self._rests = LearningRests(pixel_count, request.rules)
+        self._rests = LearningRests(pixel_count, request.learning.rules)
         self._before = Statistics()
         self._finished_paths = 0
         self._total_paths = float(pixel_count * samples)

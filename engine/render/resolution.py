@@ -9,9 +9,13 @@ from dataclasses import dataclass, replace
 from engine.builder.scene import Scene
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.sources.sequence import with_sequence_u
+from engine.render.film import Film, film_layout
 from engine.render.light_passes import group_pass
-from engine.scene.description import Notice, SceneDescription
+from engine.render.request import RenderRequest
+from engine.render.strata import strata_count
+from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
+from engine.state.film import FilmLayout
 from engine.state.lanes import RGB
 
 
@@ -19,13 +23,11 @@ from engine.state.lanes import RGB
 class Resolution:
     """What a render goes by.
 
-    settings : RenderSettings, with an answer wherever they leave one open, and without what the scene cannot have
-    request : LearningRequest, without a learned field that does not fit
+    request : RenderRequest
     notices : tuple of Notice, what was asked for and is not done
     """
 
-    settings: RenderSettings
-    request: LearningRequest
+    request: RenderRequest
     notices: tuple[Notice, ...] = ()
 
 
@@ -38,8 +40,11 @@ def resolve(
     settings: RenderSettings,
     scene: Scene,
     passes: frozenset[str],
-    request: LearningRequest,
+    learning: LearningRequest,
     light_digest: Callable[[], str],
+    first_samples: int | None = None,
+    *,
+    on_cluster: bool = False,
 ) -> Resolution:
     """Say what counts of what is asked for, and why the rest does not.
 
@@ -49,14 +54,22 @@ def resolve(
         As the user has them.
     scene : Scene
     passes : frozenset of str
-        That the result is to have.
-    request : LearningRequest
+        That the result is to have, and that it is denoised by.
+    learning : LearningRequest
     light_digest : callable
         Gives the digest of all that light depends on in the scene, which takes a while.
+    first_samples : int, optional
+        Where to stop, before the number of the settings.
+    on_cluster : bool
+        Whether other machines trace.
     """
     notices: list[Notice] = []
+    if on_cluster:
+        # Seconds of different machines do not compare: costs are counted in rays, and networks are trained between
+        # iterations.
+        settings = replace(settings, deterministic=True, network_backend="KERNEL")
     settings = replace(settings, spectral="ON" if is_spectral(settings, scene.description) else "OFF")
-    settings = _with_u(settings, scene.description, request)
+    settings = _with_u(settings, scene.description, learning)
     if settings.radiance_cache != "OFF" and (notice := _cache_notice(settings, scene, passes)):
         notices.append(notice)
         settings = replace(settings, radiance_cache="OFF")
@@ -65,22 +78,38 @@ def resolve(
         if settings.roulette == "LEARNED":
             notices.append(Notice("Roulette", "knows no media", "it goes by the throughput"))
         settings = replace(settings, roulette="THROUGHPUT")
-    if request.start is not None:
-        start = request.start if settings.is_guided else None
+    if learning.start is not None:
+        start = learning.start if settings.is_guided else None
         if start is not None and start.light_digest != light_digest():
             start = None
             problem = "lights, materials or geometry are not those that it was learned with"
             notices.append(Notice("Learned field", problem, "the render learns anew"))
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
-        request = replace(request, start=start)
-    return Resolution(settings, request, tuple(notices))
+        learning = replace(learning, start=start)
+    layout = _layout(settings, scene, passes)
+    settings = replace(settings, strata=strata_count(settings, _film_bytes(scene.description.frame, layout)))
+    request = RenderRequest(scene.description.frame, settings, layout, learning, first_samples)
+    return Resolution(request, tuple(notices))
 
 
-def _with_u(settings: RenderSettings, description: SceneDescription, request: LearningRequest) -> RenderSettings:
+def _layout(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> FilmLayout:
+    return film_layout(
+        passes, settings, scene.description.light_groups, scene.description.passes, has_catchers=scene.has_catchers,
+        has_media=scene.media.is_used, has_varying_media=scene.media.varies,
+    )
+
+
+def _film_bytes(frame: Frame, layout: FilmLayout) -> int:
+    """Memory of a film without strata."""
+    x0, y0, x1, y1 = frame.region
+    return Film(1, 1, layout).nbytes * (x1 - x0) * (y1 - y0)
+
+
+def _with_u(settings: RenderSettings, description: SceneDescription, learning: LearningRequest) -> RenderSettings:
     """Settings in which `u_dimension` is what the scene has of it: without it the rest is learned sooner."""
-    if request.source is not None:
-        return with_sequence_u(settings, request.source.u_dimension)
+    if learning.source is not None:
+        return with_sequence_u(settings, learning.source.u_dimension)
     has_time = description.is_moving and settings.u_dimension in ("AUTO", "TIME")
     has_wavelength = (
         settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")

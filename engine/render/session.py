@@ -26,14 +26,14 @@ from engine.render.afterwards import Afterwards
 from engine.render.batch import Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.denoising import Denoising
-from engine.render.film import Film, Images, PassImages, film_layout
+from engine.render.film import Film, Images, PassImages
 from engine.render.garbage_collection import collect_nothing_while_compiling
 from engine.render.job import AnyJob, Job
 from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
+from engine.render.request import RenderRequest
 from engine.render.resolution import is_spectral, resolve
-from engine.render.strata import StrataFilm, strata_count
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
 from engine.runtime import heap
@@ -110,6 +110,9 @@ class Session:
     rules : Rules
         What learning goes by.
     """
+
+    #: Whether other machines trace.
+    _on_cluster = False
 
     def __init__(self, settings: RenderSettings, *, expects_moves: bool = False, rules: Rules = RULES) -> None:
         collect_nothing_while_compiling()
@@ -315,21 +318,17 @@ class Session:
         if self.scene is None:
             raise RuntimeError("load a scene before rendering")
         scene, names = self.scene, frozenset(passes)
+        denoising = Denoising(self.settings, self.thread_count)
         resolution = resolve(
-            self.settings, scene, names, LearningRequest(source, sink, start, keep, self._rules),
-            lambda: self.light_digest,
+            self.settings, scene, names | denoising.passes, LearningRequest(source, sink, start, keep, self._rules),
+            lambda: self.light_digest, samples, on_cluster=self._on_cluster,
         )
-        settings = resolution.settings
-        frame = scene.description.frame
-        denoising = Denoising(settings, self.thread_count)
+        request = resolution.request
+        settings, frame = request.settings, request.frame
         afterwards = Afterwards()
-        layout = film_layout(
-            names | denoising.passes, settings, scene.description.light_groups, scene.description.passes,
-            has_catchers=scene.has_catchers, has_media=scene.media.is_used, has_varying_media=scene.media.varies,
-        )
-        film, strata = _make_film(frame, settings, layout, len(names))
-        settings = replace(settings, strata=strata)
-        job = self._job(scene, settings, film, ray_observer, resolution.request, samples)
+        check_film(frame, Film(1, 1, request.layout).nbytes, _PASS_CHANNELS * len(names))
+        film = request.make_film()
+        job = self._job(scene, request, film, ray_observer)
 
         def images(names: frozenset[str]) -> Images:
             if one_by_one:
@@ -387,14 +386,12 @@ class Session:
         return RenderResult(result_passes, report, job.guidance, learned)
 
     def _job(
-        self, scene: Scene, settings: RenderSettings, film: Film, ray_observer: Callable[..., None] | None,
-        request: LearningRequest, samples: int | None,
+        self, scene: Scene, request: RenderRequest, film: Film, ray_observer: Callable[..., None] | None
     ) -> AnyJob:
         """Who renders: this process's threads; see `render`."""
-        tracer = self._take_tracer(scene, settings, film.layout)
+        tracer = self._take_tracer(scene, request.settings, film.layout)
         tracer.ray_observer = ray_observer
-        frame = scene.description.frame
-        return Job(tracer, frame, film, settings, self.thread_count, request, samples)
+        return Job(tracer, request, film, self.thread_count)
 
     def trace_tiles(
         self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], part: Part, stratum: int,
@@ -480,19 +477,6 @@ class Session:
             ended_by=job.ended_by,
             guiding=guiding,
         )
-
-
-def _make_film(
-    frame: Frame, settings: RenderSettings, layout: FilmLayout, pass_count: int
-) -> tuple[Film, int]:
-    """A film for the frame's region, and how many strata it has."""
-    x0, y0, x1, y1 = frame.region
-    check_film(frame, Film(1, 1, layout).nbytes, _PASS_CHANNELS * pass_count)
-    film = Film(x1 - x0, y1 - y0, layout)
-    strata = strata_count(settings, film.nbytes)
-    if strata > 1:
-        film = StrataFilm(x1 - x0, y1 - y0, strata, layout)
-    return film, strata
 
 
 def _watch(

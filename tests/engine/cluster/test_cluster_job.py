@@ -19,6 +19,7 @@ from engine.cluster.version import source_version
 from engine.cluster.work import REFUSED, SUMS, Answer, pack_traced, trace
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop
+from engine.render.request import RenderRequest
 from engine.render.tiles import FrameTiles
 from engine.render.traced import TracedTiles
 from engine.scene.description import Frame
@@ -105,7 +106,7 @@ def ones(order):
 def plain_loop(film, samples=SAMPLES):
     """Loop of an unguided render."""
     settings = RenderSettings(samples=samples, guiding_method="OFF", roulette="THROUGHPUT")
-    return RenderLoop(FRAME, film, settings, 1, lambda guidance: None)
+    return RenderLoop(RenderRequest(FRAME, settings), film, 1, lambda guidance: None)
 
 
 def run(pool, samples=SAMPLES, limit=10000.0):
