@@ -113,7 +113,7 @@ def render_costs() -> dict[str, float]:
     from engine.cluster.work import pack_guidance, pack_traced, unpack_traced
     from engine.guiding.policy.guidance import Guidance
     from engine.guiding.policy.rules import RULES
-    from engine.guiding.policy.trial import Part
+    from engine.guiding.policy.trial import ArmSamples
     from engine.render.film import Film
     from engine.render.render_loop import RenderLoop
     from engine.render.request import RenderRequest
@@ -132,7 +132,7 @@ def render_costs() -> dict[str, float]:
     layout = Film(x1 - x0, y1 - y0).layout
     tiles = [pixels for pixels, _ in FrameTiles(frame)[:]]
     traced, _ = session.trace_tiles(
-        settings, layout, tiles, Part(0, 1, CURRENT), 0, Guidance(settings, 2**32), records=True
+        settings, layout, tiles, ArmSamples(0, 1, CURRENT), 0, Guidance(settings, 2**32), records=True
     )
     packed = pack_traced(traced)
     count, sums, _, _, vertices, _ = packed

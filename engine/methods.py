@@ -22,7 +22,7 @@ class Source:
     label, sentence : str
         For menus.
     implementation : str
-        Module with the source's kernels and model (`engine.guiding.sources.face.Implementation`), relative to
+        Module with the source's kernels and model (`engine.guiding.sources.guide_kernels.Implementation`), relative to
         `engine.guiding.sources` if it begins with a dot.
     is_network : bool
         A process of its own trains it beside the render.

@@ -2,7 +2,7 @@
 """A source of directions that the engine knows nothing of: a cosine lobe about the normal.
 
 `examples/add_source.py` renders by it. It shows what a source must have, and it is no good guide: it learns nothing,
-and every material knows its normal. `engine/guiding/sources/face.py` says what each part is for.
+and every material knows its normal. `engine/guiding/sources/guide_kernels.py` says what each part is for.
 
 Stages compiled for its lanes are cached by the name of their class: who changes its kernels gives it another name.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.guiding.models.source_model import SourceModel
-from engine.guiding.sources.face import GuideFace, ask_for_nothing, is_same_at_all, query_nothing
+from engine.guiding.sources.guide_kernels import GuideKernels, ask_for_nothing, is_same_at_all, query_nothing
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.path import real_3
 from engine.kernels.vector import dot, load, store
@@ -80,8 +80,8 @@ def _with_field(guide: CosineGuide, field: Any) -> CosineGuide:
     return guide
 
 
-FACES = {
-    CosineGuide: GuideFace(
+KERNELS = {
+    CosineGuide: GuideKernels(
         _with_field, _ready, _ready_collision, _sample, _eval, _predict, is_same_at_all, query_nothing, ask_for_nothing
     )
 }

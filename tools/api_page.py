@@ -52,7 +52,7 @@ SECTIONS = (
     }),
     Section("Sources of directions", "[For researchers](researchers.md) says how to add one.", {
         "engine.methods": ("SOURCES", "Source", "METHODS", "Method"),
-        "engine.guiding.sources.face": ("Implementation", "GuideFace"),
+        "engine.guiding.sources.guide_kernels": ("Implementation", "GuideKernels"),
         "engine.guiding.models.source_model": ("SourceModel",),
     }),
 )  # fmt: skip

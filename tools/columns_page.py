@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from engine.guiding.records.taught import TaughtRecords
+from engine.guiding.records.cache_records import CacheRecords
 from engine.guiding.records.vertices import VertexLog, VertexRecords
 from engine.ris.candidates import Candidates
 from engine.runtime.bundle import Bundle
@@ -38,7 +38,7 @@ channels.
 
 _PARTS: dict[str, tuple[type[Bundle], ...]] = {
     "Film": (FilmTile,),
-    "Records": (VertexRecords, TaughtRecords, VertexLog),
+    "Records": (VertexRecords, CacheRecords, VertexLog),
     "Lanes": (
         lanes.PathState, lanes.ShadePoints, lanes.Closures, lanes.LightSamples, lanes.ShadowRays, lanes.GuidedLanes,
         lanes.CachedLanes, lanes.LightPassLanes, lanes.FeatureLanes, lanes.CatcherLanes, MediaLanes, TrackedLanes,

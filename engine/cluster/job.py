@@ -193,7 +193,7 @@ class ClusterJob(RenderLoopJob):
         seconds = None
         if dispatcher.path_seconds is not None:
             task = self._cutter.next_task
-            seconds = dispatcher.path_seconds * len(tiles) * len(tiles[task.tile][0]) * task.part.sample_count
+            seconds = dispatcher.path_seconds * len(tiles) * len(tiles[task.tile][0]) * task.arm_samples.sample_count
         item = self._cutter.cut(tiles_in_range(len(tiles), len(dispatcher.names), seconds), MOST_PATHS)
         self._open[item.number] = item
         return item
@@ -213,8 +213,8 @@ class ClusterJob(RenderLoopJob):
         is_whole = loop.has_all_pixels
         return Order(
             self._scene, self._learned[0], loop.settings, loop.film.layout, indices if is_whole else (),
-            None if is_whole else [pixels for pixels, _ in tiles], task.part, task.stratum, weights,
-            loop.records(task.part.arm),
+            None if is_whole else [pixels for pixels, _ in tiles], task.arm_samples, task.stratum, weights,
+            loop.records(task.arm_samples.arm),
         )
 
     def _receive(self, number: int, answer: Answer) -> None:

@@ -52,8 +52,8 @@ class TaskRange:
 
     def __str__(self) -> str:
         """For messages: which samples."""
-        part = self.tasks[0].part
-        return f"samples {part.first_sample} to {part.first_sample + part.sample_count - 1} of a part of the picture"
+        first, count, _arm = self.tasks[0].arm_samples
+        return f"samples {first} to {first + count - 1} of a part of the picture"
 
 
 class RangeCutter:
@@ -90,7 +90,7 @@ class RangeCutter:
         path_count = 0
         while len(tasks) < tile_count and self.has_task:
             task, self._held = self._held or self._loop.take(), None
-            paths = len(self._loop.tiles[task.tile][0]) * task.part.sample_count
+            paths = len(self._loop.tiles[task.tile][0]) * task.arm_samples.sample_count
             if tasks and (not is_alike(task, tasks[0]) or path_count + paths > most_paths):
                 self._held = task
                 break

@@ -19,8 +19,8 @@ import numpy as np
 
 from engine.cluster.version import source_version
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.trial import Part
-from engine.guiding.records.taught import TaughtRecords, join_taught
+from engine.guiding.policy.trial import ArmSamples
+from engine.guiding.records.cache_records import CacheRecords, join_cache_records
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, join_records
 from engine.render.batch import Statistics
@@ -56,7 +56,7 @@ class Order:
     layout: FilmLayout
     tiles: tuple[int, ...]
     pixels: list[Pixels] | None
-    part: Part
+    arm_samples: ArmSamples
     stratum: int
     weights: np.ndarray | None
     records: bool
@@ -106,21 +106,21 @@ def pack_traced(traced: TracedTiles) -> tuple[Any, ...]:
     costs = np.array([(c.seconds, c.ray_count, c.guided_vertices, c.resampled_candidates) for c in traced.costs])
     if traced.records is None:
         return len(traced.sums.count), sums, costs, None, None, None
-    counts = np.array([(len(unit.vertices.pdf), len(unit.taught.side)) for unit in traced.records])
+    counts = np.array([(len(unit.vertices.pdf), len(unit.cache_records.side)) for unit in traced.records])
     vertices, _ = join_records([unit.vertices for unit in traced.records])
-    taught = join_taught([unit.taught for unit in traced.records])
-    return len(traced.sums.count), sums, costs, counts, tuple(vertices), tuple(taught)
+    cache = join_cache_records([unit.cache_records for unit in traced.records])
+    return len(traced.sums.count), sums, costs, counts, tuple(vertices), tuple(cache)
 
 
 def unpack_traced(packed: tuple[Any, ...], layout: FilmLayout) -> TracedTiles:
     """The opposite of `pack_traced`."""
-    row_count, columns, costs, counts, vertices, taught = packed
+    row_count, columns, costs, counts, vertices, cache = packed
     zeros = allocate_tile(row_count, RGB, layout)
     sums = type(zeros)(*(zero if one is None else one for zero, one in zip(zeros, columns, strict=True)))
     units = [UnitCosts(float(row[0]), *(int(count) for count in row[1:])) for row in costs]
     if counts is None:
         return TracedTiles(sums, units, None)
-    together = UnitRecords(VertexRecords(*vertices), TaughtRecords(*taught))
+    together = UnitRecords(VertexRecords(*vertices), CacheRecords(*cache))
     return TracedTiles(sums, units, list(split_records(together, counts.tolist())))
 
 
@@ -158,7 +158,7 @@ def trace(version: str, order: bytes, scene: bytes, learned: bytes | None = None
         else:
             tiles = wanted.pixels
         traced, statistics = session.trace_tiles(
-            session.settings, wanted.layout, tiles, wanted.part, wanted.stratum, guidance, records=wanted.records
+            session.settings, wanted.layout, tiles, wanted.arm_samples, wanted.stratum, guidance, records=wanted.records
         )
         return SUMS, "", pack_traced(traced), statistics, time.perf_counter() - start
     except MemoryError:

@@ -12,7 +12,7 @@ import numpy as np
 from engine.accel.scratch import RayScratch
 from engine.guiding.models.candidate_model import CandidateModel
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.records.taught import TAUGHT_ROWS, allocate_taught_records
+from engine.guiding.records.cache_records import CACHE_RECORD_ROWS, allocate_cache_records
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_vertex_records
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
@@ -44,6 +44,7 @@ from engine.state.shaders import ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import UnitCosts
 from engine.wavefront.columns import (
+    CACHE_RECORDS,
     CACHED_DEPTHS,
     CACHED_PATHS,
     CANDIDATES,
@@ -62,7 +63,6 @@ from engine.wavefront.columns import (
     RESAMPLED_CANDIDATES,
     RESAMPLED_VERTICES,
     SHADOW_RAYS,
-    TAUGHT,
     TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
 )
@@ -192,7 +192,7 @@ class Batch:
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,
-            taught=allocate_taught_records(TAUGHT_ROWS if records and uses_cache else 1),
+            cache_records=allocate_cache_records(CACHE_RECORD_ROWS if records and uses_cache else 1),
         )
         self._queue_counts = [getattr(self.work, name).count for name in QUEUES]
         self._free_lanes = np.arange(LANE_COUNT - 1, -1, -1, dtype=np.int32)
@@ -226,7 +226,8 @@ class Batch:
         """What the unit in work has recorded, in arrays of its own."""
         counts = self.work.counts
         return UnitRecords(
-            copy_of(rows_of(self.records, 0, counts[RECORDS])), copy_of(rows_of(self.work.taught, 0, counts[TAUGHT]))
+            copy_of(rows_of(self.records, 0, counts[RECORDS])),
+            copy_of(rows_of(self.work.cache_records, 0, counts[CACHE_RECORDS])),
         )
 
     def follow(self, arm: Arm) -> GuidanceView:

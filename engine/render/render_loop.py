@@ -20,7 +20,7 @@ from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.iterations import LearningRests
 from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.sets import make_learner
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.unit_records import UnitRecords
 from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
@@ -67,7 +67,7 @@ class RenderLoop:
     follow : callable (Guidance) -> None
         Is told what tasks go by that are handed out after the call; no task is out meanwhile.
     light_clusters : bool (C,), optional
-        As of `RenderFacts`.
+        As of `RenderContext`.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class RenderLoop:
         if self.learner is not None:
             strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
             self._schedule = self._iterations = Iterations(samples, strata, self._time_left.fit)
-            self._iterations.begin(self.learner.parts, len(self.tiles))
+            self._iterations.begin(self.learner.arms, len(self.tiles))
         else:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
@@ -184,7 +184,7 @@ class RenderLoop:
 
     def unit(self, task: Task) -> Unit:
         """What there is to trace."""
-        return Unit(*self.tiles[task.tile], *task.part, task.stratum, self.strata)
+        return Unit(*self.tiles[task.tile], *task.arm_samples, task.stratum, self.strata)
 
     def finish(self, task: Task) -> bool:
         """Take note of a task that `keep` has taken; True if `begin_next` is to be called: there is no other task."""
@@ -378,37 +378,37 @@ class RenderLoop:
                 self.tiles = tiles
                 self._go_on_plainly(following[0], task_samples(following[0]))
                 return
-            parts = self._parts_of(*following)
-            other_parts: Sequence[Part] = ()
+            arms = self._arms_of(*following)
+            other_arms: Sequence[ArmSamples] = ()
             first_other = 0
-            if learns and self._learned is None and learner.other_parts:
+            if learns and self._learned is None and learner.other_arms:
                 assert self._trial_tiles is not None
-                tiles, other_parts = self._trial_tiles, learner.other_parts
+                tiles, other_arms = self._trial_tiles, learner.other_arms
                 first_other = self._trial_tiles.trial_count
             self.tiles = tiles
-            iterations.begin(parts, len(self.tiles), other_parts, first_other)
+            iterations.begin(arms, len(self.tiles), other_arms, first_other)
 
     def _is_short(self, first: int, count: int) -> bool:
         """Whether an iteration is one of the last passes before a time limit, which may be cut off: nothing is won back
         of what it teaches."""
         return self._time_left.is_limited and first > 0 and count <= SHORTEST_PASS
 
-    def _parts_of(self, first: int, count: int) -> Sequence[Part]:
+    def _arms_of(self, first: int, count: int) -> Sequence[ArmSamples]:
         """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
         assert self.learner is not None
         rested, self._learned = self._learned, None
-        parts = self.learner.parts
+        arms = self.learner.arms
         if rested is not None:
             self._go_by(rested)
-            parts = [Part(first, count, CURRENT)]
+            arms = [ArmSamples(first, count, CURRENT)]
         active, guidance = self._active, self.guidance
         assert guidance is not None
         rests = active is not None and active.has_looked and self._rests.take(active.count, count)
         if rests or self._is_short(first, count):
             self._learned = guidance
             self._go_by(guidance.without_records())
-            parts = [Part(first, count, CURRENT)]
-        return parts
+            arms = [ArmSamples(first, count, CURRENT)]
+        return arms
 
     def _costs_since(self, total: Statistics) -> IterationCosts:
         """What has been counted since this was last asked."""

@@ -16,7 +16,7 @@ from heapq import heappop, heappush
 from typing import Protocol
 
 from engine.guiding.policy.iterations import iteration_lengths
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.render.strata import StrataSchedule
 from engine.render.time_left import SHORTEST_PASS
 from engine.state.unit import ALL_STRATA, CURRENT
@@ -50,10 +50,10 @@ def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[in
     return ranges
 
 
-def _in_tasks(part: Part) -> list[Part]:
+def _in_tasks(arm_samples: ArmSamples) -> list[ArmSamples]:
     """A part of an iteration as a tile's successive tasks."""
-    first, count, arm = part
-    return [Part(*task, arm) for task in sample_ranges(first + count, first, task_samples(first))]
+    first, count, arm = arm_samples
+    return [ArmSamples(*task, arm) for task in sample_ranges(first + count, first, task_samples(first))]
 
 
 def _with_last_divided(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -70,7 +70,7 @@ class Task:
     """A tile by a range of samples.
 
     tile : int
-    part : Part, which samples, and by which arm
+    arm_samples : ArmSamples, which samples, and by which arm
     stratum : int, part of u that they lie in, or ALL_STRATA
     weighs_as : int, the sample by which they are weighed: the first of their iteration
     is_first : bool, whether the tile has no samples before
@@ -78,7 +78,7 @@ class Task:
     """
 
     tile: int
-    part: Part
+    arm_samples: ArmSamples
     stratum: int
     weighs_as: int
     is_first: bool
@@ -88,7 +88,7 @@ class Task:
 
 def is_alike(one: Task, other: Task) -> bool:
     """Whether two tasks are the same but for their tiles."""
-    return (one.part, one.stratum, one.weighs_as) == (other.part, other.stratum, other.weighs_as)
+    return (one.arm_samples, one.stratum, one.weighs_as) == (other.arm_samples, other.stratum, other.weighs_as)
 
 
 class Schedule(Protocol):
@@ -145,7 +145,7 @@ class PlainSchedule:
     def take(self) -> Task:
         tile, step = self._waiting.popleft()
         first, count = self._ranges[tile][step]
-        return Task(tile, Part(first, count, CURRENT), self._stratum, first, first == 0, step)
+        return Task(tile, ArmSamples(first, count, CURRENT), self._stratum, first, first == 0, step)
 
     def clear(self) -> None:
         self._waiting.clear()
@@ -214,7 +214,7 @@ class PacedSchedule:
     def take(self) -> Task:
         step, tile = heappop(self._waiting)
         first, count = self._ranges[step]
-        return Task(tile, Part(first, count, CURRENT), self._stratum, first, first == 0, step)
+        return Task(tile, ArmSamples(first, count, CURRENT), self._stratum, first, first == 0, step)
 
     def clear(self) -> None:
         self._waiting.clear()
@@ -277,7 +277,7 @@ class Steps:
 
     def finish(self, task: Task) -> bool:
         self._tasks.finish(task)
-        self._unfinished -= sum(task.part[:2]) == self.next_sample
+        self._unfinished -= sum(task.arm_samples[:2]) == self.next_sample
         return not self._unfinished
 
 
@@ -307,9 +307,9 @@ class Iterations:
                 first += length
         self._step = -1
         self._unfinished = 0
-        self._parts: list[Part] = []
+        self._arms: list[ArmSamples] = []
         #: Of the tiles from some index on, where these are divided otherwise.
-        self._other_parts: list[Part] = []
+        self._other_arms: list[ArmSamples] = []
         self._first_other = 0
         self._waiting: deque[tuple[int, int]] = deque()
         self.plan(0.0)
@@ -349,17 +349,17 @@ class Iterations:
         return self._ranges[self._step]
 
     def begin(
-        self, parts: Sequence[Part], tile_count: int, other_parts: Sequence[Part] = (), first_other: int = 0
+        self, arms: Sequence[ArmSamples], tile_count: int, other_arms: Sequence[ArmSamples] = (), first_other: int = 0
     ) -> None:
         """Hand out the iteration that was planned, divided so, of so many tiles.
 
-        Tiles from `first_other` on are divided as `other_parts` says, if there are any.
+        Tiles from `first_other` on are divided as `other_arms` says, if there are any.
         """
-        self._parts, self._other_parts = list(parts), list(other_parts)
-        if len(parts) == 1 and not other_parts:
-            # What is compared knows parts by their first samples.
-            self._parts = _in_tasks(parts[0])
-        self._first_other = first_other if self._other_parts else tile_count
+        self._arms, self._other_arms = list(arms), list(other_arms)
+        if len(arms) == 1 and not other_arms:
+            # What is compared knows arms by their first samples.
+            self._arms = _in_tasks(arms[0])
+        self._first_other = first_other if self._other_arms else tile_count
         self._unfinished = tile_count
         self._waiting.extend((tile, 0) for tile in range(tile_count))
 
@@ -379,16 +379,16 @@ class Iterations:
     def take(self) -> Task:
         tile, place = self._waiting.popleft()
         first = self._ranges[self._step][0]
-        return Task(tile, self._parts_of(tile)[place], self._stratum, first, self._step == 0, self._step, place)
+        return Task(tile, self._arms_of(tile)[place], self._stratum, first, self._step == 0, self._step, place)
 
-    def _parts_of(self, tile: int) -> list[Part]:
-        return self._parts if tile < self._first_other else self._other_parts
+    def _arms_of(self, tile: int) -> list[ArmSamples]:
+        return self._arms if tile < self._first_other else self._other_arms
 
     def clear(self) -> None:
         self._waiting.clear()
 
     def finish(self, task: Task) -> bool:
-        if task.place + 1 < len(self._parts_of(task.tile)):
+        if task.place + 1 < len(self._arms_of(task.tile)):
             self._waiting.append((task.tile, task.place + 1))
             return False
         self._unfinished -= 1

@@ -20,7 +20,7 @@ from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.policy.rules import RULES, Rules
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.saved.learned import LearnedField
 from engine.render.afterwards import Afterwards
 from engine.render.batch import Statistics
@@ -394,8 +394,8 @@ class Session:
         return Job(tracer, request, film, self.thread_count)
 
     def trace_tiles(
-        self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], part: Part, stratum: int,
-        guidance: Guidance | None, *, records: bool,
+        self, settings: RenderSettings, layout: FilmLayout, tiles: Sequence[Pixels], arm_samples: ArmSamples,
+        stratum: int, guidance: Guidance | None, *, records: bool,
     ) -> tuple[TracedTiles, Statistics]:
         """Trace samples of some of the loaded scene's tiles, for whoever puts them on a film (`RenderLoop`).
 
@@ -422,7 +422,7 @@ class Session:
             raise RuntimeError("load a scene before rendering")
         tracer = self._take_tracer(self.scene, settings, layout)
         tracer.ray_observer = None
-        return trace_tiles(tracer, settings, self.thread_count, tiles, part, stratum, guidance, records=records)
+        return trace_tiles(tracer, settings, self.thread_count, tiles, arm_samples, stratum, guidance, records=records)
 
     @property
     def light_digest(self) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from engine.array_types import Int32Array
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.unit_records import UnitRecords
 from engine.render.batch import Batch, Statistics
 from engine.render.tiles import TILE_SIZE
@@ -42,8 +42,8 @@ class TracedTiles:
 
 
 def trace_tiles(
-    tracer: Tracer, settings: RenderSettings, thread_count: int, tiles: Sequence[Pixels], part: Part, stratum: int,
-    guidance: Guidance | None, *, records: bool,
+    tracer: Tracer, settings: RenderSettings, thread_count: int, tiles: Sequence[Pixels], arm_samples: ArmSamples,
+    stratum: int, guidance: Guidance | None, *, records: bool,
 ) -> tuple[TracedTiles, Statistics]:
     """As `engine.render.session.Session.trace_tiles`, by a tracer that has taken scene and settings."""
     strata = max(settings.strata, 1)
@@ -65,7 +65,7 @@ def trace_tiles(
 
     def trace(index: int) -> tuple[UnitCosts, UnitRecords | None]:
         first, last = offsets[index], offsets[index + 1]
-        unit = Unit(tiles[index], np.arange(first, last), *part, stratum, strata)
+        unit = Unit(tiles[index], np.arange(first, last), *arm_samples, stratum, strata)
         batch = free.get()
         try:
             tracer.trace_unit(batch, unit, never)
@@ -85,11 +85,11 @@ def trace_tiles(
 
 
 def split_records(together: UnitRecords, counts: Sequence[tuple[int, int]]) -> Iterator[UnitRecords]:
-    """Records of units from those of all one after the other; `counts` are of vertices and taught ones, by unit."""
-    vertex = taught = 0
-    for vertex_count, taught_count in counts:
+    """Records of units from those of all one after the other; `counts` are of vertices' and the cache's, by unit."""
+    vertex = cache = 0
+    for vertex_count, cache_count in counts:
         yield UnitRecords(
             rows_of(together.vertices, vertex, vertex + vertex_count),
-            rows_of(together.taught, taught, taught + taught_count),
+            rows_of(together.cache_records, cache, cache + cache_count),
         )
-        vertex, taught = vertex + vertex_count, taught + taught_count
+        vertex, cache = vertex + vertex_count, cache + cache_count

@@ -13,7 +13,7 @@ from engine.builder.clearance import clear_distance
 from engine.builder.data_passes import build_data_view
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
-from engine.guiding.fields.reflected.field import no_reflected
+from engine.guiding.fields.roulette.field import no_roulette_field
 from engine.guiding.fields.table import no_table
 from engine.guiding.fields.vmm.field import no_field
 from engine.guiding.models.candidate_model import CandidateModel
@@ -181,7 +181,7 @@ class Tracer:
             "benefit": nothing,
         }
         self._no_radiance = RadianceView(
-            no_table(channel_count), NoModel(np.zeros(1, np.uint8)), no_cells(), no_reflected()
+            no_table(channel_count), NoModel(np.zeros(1, np.uint8)), no_cells(), no_roulette_field()
         )
         self._settings = settings
         #: Of the type that will weigh candidates, where that is known before anything is learned.
@@ -278,7 +278,7 @@ class Tracer:
         self.view = self.view._replace(lights=self.view.lights._replace(selection=selection))
         challenger = guidance.challenger if guidance is not None else None
         # The cache and roulette end paths whatever guides them.
-        ends_paths = guidance is not None and (guidance.uses_cache or guidance.reflected is not None)
+        ends_paths = guidance is not None and (guidance.uses_cache or guidance.roulette_field is not None)
         plain = guidance.plain() if guidance is not None and ends_paths else None
         self._arms = {PLAIN: self._make_arm(plain), CURRENT: self._make_arm(guidance)}
         if challenger is not None:
@@ -446,7 +446,7 @@ class Tracer:
         header[UNIT_CATCHES] = self.layout.has_catchers
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
-        header[UNIT_PREDICTS] = guidance is not None and guidance.reflected is not None
+        header[UNIT_PREDICTS] = guidance is not None and guidance.roulette_field is not None
         header[UNIT_LEARNS_LIGHTS] = self._guidance is not None and self._guidance.lights is not None
         header[UNIT_ASKS_MODEL] = arm.model is not None
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0

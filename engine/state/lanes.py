@@ -37,7 +37,7 @@ def _allocate_lanes(table: type[_Lanes], lane_count: int, channel_count: int = R
     """Lanes of L rows and C channels."""
     sizes = {
         "L": lane_count, "C": channel_count, "2 C": 2 * channel_count, "value": value_width(channel_count),
-        "taught": lane_count * MAX_TAUGHT,
+        "vertices": lane_count * MAX_CACHE_VERTICES,
     }
     return allocate(table, sizes, _Has(channel_count > RGB), **given)
 
@@ -339,14 +339,14 @@ def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
 
 
 #: Surfaces at which a recorded path can teach the radiance cache.
-MAX_TAUGHT = 12
-# Columns of CachedLanes.taught.
-TAUGHT_P = 0
-TAUGHT_NG = 3
-TAUGHT_BEFORE = 6  # throughput on arrival
-TAUGHT_RADIANCE = 9  # the path's sum then
-TAUGHT_SIDE = 12  # of its footprint
-TAUGHT_WIDTH = 13
+MAX_CACHE_VERTICES = 12
+# Columns of CachedLanes.cache_records.
+CACHE_VERTEX_P = 0
+CACHE_VERTEX_NG = 3
+CACHE_VERTEX_BEFORE = 6  # throughput on arrival
+CACHE_VERTEX_RADIANCE = 9  # the path's sum then
+CACHE_VERTEX_SIDE = 12  # of its footprint
+CACHE_VERTEX_WIDTH = 13
 
 
 class CachedLanes(Bundle):
@@ -366,13 +366,13 @@ class CachedLanes(Bundle):
     level: Uint8Array = column("of that cell", "L", line=0)
     is_measured: Uint8Array = column("whether the path went on where it could have ended", "L", line=0)
     is_recorded: Uint8Array = column("whether the path teaches the cache", "L", line=0)
-    has_met: Uint8Array = column("whether it has met a surface that could be taught", "L", line=0)
+    has_met: Uint8Array = column("whether it has met a surface of which it could make a record", "L", line=0)
     may_teach: Uint8Array = column("whether the one that it has hit can be", "L", line=0)
-    taught_count: Int32Array = column("surfaces so far", "L", line=0)
+    vertex_count: Int32Array = column("surfaces so far", "L", line=0)
     base: Float32Array = column("radiance gathered until there", "L", "C", line=0)
     predicted: Float32Array = column("what the path would have ended with", "L", "C", line=0)
-    taught: Float32Array = column("row lane * MAX_TAUGHT + k, by TAUGHT_*", "taught", TAUGHT_WIDTH)
-    taught_program: Int32Array = column("of the surface's shader, the same rows", "taught")
+    vertices: Float32Array = column("lane * MAX_CACHE_VERTICES + k, by CACHE_VERTEX_*", "vertices", CACHE_VERTEX_WIDTH)
+    vertex_program: Int32Array = column("of the surface's shader, the same rows", "vertices")
 
 
 def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLanes:

@@ -30,8 +30,13 @@ from engine.kernels.vector import dot, load, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, SHAPE_TRIANGLES
 from engine.state.lanes import (
+    CACHE_VERTEX_BEFORE,
+    CACHE_VERTEX_NG,
+    CACHE_VERTEX_P,
+    CACHE_VERTEX_RADIANCE,
+    CACHE_VERTEX_SIDE,
     CLOSURE_SAMPLE_WEIGHT,
-    MAX_TAUGHT,
+    MAX_CACHE_VERTICES,
     POINT_INSTANCE,
     POINT_NG,
     POINT_P,
@@ -41,11 +46,6 @@ from engine.state.lanes import (
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RGB,
-    TAUGHT_BEFORE,
-    TAUGHT_NG,
-    TAUGHT_P,
-    TAUGHT_RADIANCE,
-    TAUGHT_SIDE,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
 from engine.wavefront.columns import CACHED_DEPTHS, CACHED_PATHS, UNIT_MEASURE_THRESHOLD, UNIT_SPLITS_LIGHT
@@ -115,20 +115,20 @@ def _arrive(scene, paths, cached, points, lane):
 @kernel
 def _note(paths, cached, points, lane):
     """Remember how a recorded path has arrived; whether the surface teaches is known once it is shaded."""
-    vertex = cached.taught_count[lane]
-    if vertex >= MAX_TAUGHT:
+    vertex = cached.vertex_count[lane]
+    if vertex >= MAX_CACHE_VERTICES:
         return
     cached.may_teach[lane] = 1
-    row = lane * MAX_TAUGHT + vertex
+    row = lane * MAX_CACHE_VERTICES + vertex
     # Roulette has been played, but what it owes is settled later.
     inverse = 1.0 / min(paths.survival[lane], np.float32(1.0))
     for c in range(RGB):
-        cached.taught[row, TAUGHT_P + c] = points.real[lane, POINT_P + c]
-        cached.taught[row, TAUGHT_NG + c] = points.real[lane, POINT_NG + c]
-        cached.taught[row, TAUGHT_BEFORE + c] = paths.throughput[lane, c] * inverse
-        cached.taught[row, TAUGHT_RADIANCE + c] = paths.radiance[lane, c]
-    cached.taught[row, TAUGHT_SIDE] = cached.arriving[lane]
-    cached.taught_program[row] = points.integer[lane, POINT_PROGRAM]
+        cached.vertices[row, CACHE_VERTEX_P + c] = points.real[lane, POINT_P + c]
+        cached.vertices[row, CACHE_VERTEX_NG + c] = points.real[lane, POINT_NG + c]
+        cached.vertices[row, CACHE_VERTEX_BEFORE + c] = paths.throughput[lane, c] * inverse
+        cached.vertices[row, CACHE_VERTEX_RADIANCE + c] = paths.radiance[lane, c]
+    cached.vertices[row, CACHE_VERTEX_SIDE] = cached.arriving[lane]
+    cached.vertex_program[row] = points.integer[lane, POINT_PROGRAM]
 
 
 @kernel
@@ -255,7 +255,7 @@ def follow_footprints(scene, unit, work, queue):
         prefetch(cached.depth, ahead)
         # Paths that nothing came of count too: they have found nothing.
         if cached.may_teach[lane] != 0 and _teaches(closures, lane):
-            cached.taught_count[lane] += 1
+            cached.vertex_count[lane] += 1
         if paths.alive[lane] == 0 or paths.depth[lane] == cached.depth[lane]:
             continue
         cached.depth[lane] = paths.depth[lane]

@@ -168,7 +168,7 @@ def init_from_camera(scene, unit, work, queue):
             cached.is_measured[lane] = 0
             cached.is_recorded[lane] = 1 if is_recorded else 0
             cached.has_met[lane] = 0
-            cached.taught_count[lane] = 0
+            cached.vertex_count[lane] = 0
         active[active_count] = lane
         active_count += 1
     work.counts[NEXT_PATH] = next_path

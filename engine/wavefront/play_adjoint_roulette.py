@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: Russian roulette by what a path is expected to bring to its pixel from the surface that it has hit.
 
-A path goes on with its throughput times the importance of the surface's cell (`engine.guiding.fields.reflected`), over
+A path goes on with its throughput times the importance of the surface's cell (`engine.guiding.fields.roulette`), over
 the pixel's value, times a factor for the whole image: what is expected over what it costs to find, beside the same of
 the image. So paths end where they have little to bring, and go on where they have much, however dark the way was. Where
 no cell is known they go on as the throughput alone says.
@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, find_importance
+from engine.guiding.fields.roulette.field import NUMBER_LEAST, NUMBER_SCALE, find_importance
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
@@ -53,7 +53,7 @@ def play_adjoint_roulette(scene, unit, radiance, work, queue):
     queue : LaneQueue
         `work.surface`.
     """
-    field, pixel_weight, min_depth = radiance.reflected, unit.pixel_weight, scene.options.min_depth
+    field, pixel_weight, min_depth = radiance.roulette_field, unit.pixel_weight, scene.options.min_depth
     programs, instances = scene.shaders.programs, scene.geometry.instance_table
     paths, points = work.paths, work.points
     scale, least = field.numbers[NUMBER_SCALE], field.numbers[NUMBER_LEAST]

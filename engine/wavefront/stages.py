@@ -20,8 +20,8 @@ from engine.wavefront.attenuate_shadows import (
     find_shadow_collisions,
 )
 from engine.wavefront.catch_shadows import meet_catchers, show_background
+from engine.wavefront.collect_cache_records import collect_cache_records
 from engine.wavefront.collect_records import collect_records
-from engine.wavefront.collect_taught import collect_taught
 from engine.wavefront.columns import (
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
@@ -279,7 +279,7 @@ _STAGES = (
     Stage(split_scattered, "split_light", _SPLITS_LIGHT),
     Stage(follow_footprints, "end_in_cache", _uses_cache),
     Stage(collect_records, "collect_records", _records),
-    Stage(collect_taught, "collect_records", _uses_cache),
+    Stage(collect_cache_records, "collect_records", _uses_cache),
     Stage(accumulate, "accumulate"),
 )
 

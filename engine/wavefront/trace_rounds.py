@@ -354,7 +354,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if unit.header[UNIT_RECORD_THRESHOLD] != 0:
             stages.collect_records(scene, unit, work, work.active)
             if unit.header[UNIT_USES_CACHE] != 0:
-                stages.collect_taught(scene, unit, work, work.active)
+                stages.collect_cache_records(scene, unit, work, work.active)
             mark(clock, CLOCK.collect_records)
         stages.accumulate(scene, unit, work, work.active)
         mark(clock, CLOCK.accumulate)

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from engine.guiding.fields.cells.field import CellField
-from engine.guiding.fields.reflected.field import ReflectedField
+from engine.guiding.fields.roulette.field import RouletteField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
-from engine.guiding.records.taught import TaughtRecords
+from engine.guiding.records.cache_records import CacheRecords
 from engine.guiding.records.vertices import VertexLog, VertexRecords
 from engine.kernels.bsdf.tables import BsdfTables
 from engine.ris.candidates import Candidates
@@ -83,7 +83,7 @@ class RadianceView(Bundle):
     table: TableField
     model: Bundle
     cells: CellField
-    reflected: ReflectedField
+    roulette_field: RouletteField
 
 
 class GuidanceView(Bundle):
@@ -198,4 +198,4 @@ class Work(Bundle):
     log: VertexLog
     candidates: Candidates
     records: VertexRecords
-    taught: TaughtRecords
+    cache_records: CacheRecords

@@ -14,7 +14,7 @@ from tools import api_page
 ROOT = Path(__file__).resolve().parents[2]
 #: What scripts of the examples use besides: the parts that a source's kernels are made of.
 FOR_KERNELS = (
-    "engine.kernels.", "engine.runtime.", "engine.state.", "engine.array_types", "engine.guiding.sources.face",
+    "engine.kernels.", "engine.runtime.", "engine.state.", "engine.array_types", "engine.guiding.sources.guide_kernels",
 )  # fmt: skip
 
 

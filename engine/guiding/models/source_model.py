@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Learning what directions are drawn from, where that is not the mixture field: one face for trees and networks."""
+"""Learns what directions are drawn from, where that is not the mixture field: one interface for trees and networks."""
 
 from __future__ import annotations
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from engine.guiding.policy.iteration import Iteration, guided_share
-from engine.guiding.policy.questions.face import Question
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.questions.question import Question
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import Way
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
@@ -24,7 +24,7 @@ class Agenda:
     Attributes
     ----------
     questions : list of Question
-    parts : list of Part
+    arms : list of ArmSamples
         Those of the iteration in work.
     way : Way
         How its paths go.
@@ -34,7 +34,7 @@ class Agenda:
 
     def __init__(self, questions: Sequence[Question]) -> None:
         self.questions = list(questions)
-        self.parts = [Part(0, 1, CURRENT)]
+        self.arms = [ArmSamples(0, 1, CURRENT)]
         self.way = Way()
         self.challenger: Way | None = None
         self._take_ways(None)
@@ -45,7 +45,7 @@ class Agenda:
         for question in self._open:
             way = question.way(way)
         self.way = way
-        has_challenger = asking is not None and any(part.arm == CHALLENGER for part in self.parts)
+        has_challenger = asking is not None and any(arm_samples.arm == CHALLENGER for arm_samples in self.arms)
         self.challenger = asking.challenge(way) if asking is not None and has_challenger else None
 
     @property
@@ -53,9 +53,9 @@ class Agenda:
         return [question for question in self.questions if not question.is_over]
 
     @property
-    def other_parts(self) -> list[Part]:
-        """Parts of the units that have no pixels of a trial; empty: all units have the same parts."""
-        return [part for question in self._open for part in question.other_parts]
+    def other_arms(self) -> list[ArmSamples]:
+        """Arms of the units that have no pixels of a trial; empty: all units have the same arms."""
+        return [arm_samples for question in self._open for arm_samples in question.other_arms]
 
     @property
     def pixel_share(self) -> float:
@@ -65,7 +65,7 @@ class Agenda:
     @property
     def guided_share(self) -> float:
         """Share of the samples of the iteration in work, of these pixels, that are guided."""
-        return guided_share(self.parts)
+        return guided_share(self.arms)
 
     def way_of(self, arm: int) -> Way:
         """How the paths of an arm go."""
@@ -74,7 +74,7 @@ class Agenda:
     def observe(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost; no two threads at once."""
         # Parts of pixels that are guided begin guided.
-        is_aside = unit.arm == PLAIN and unit.sample_first == self.parts[0].first_sample
+        is_aside = unit.arm == PLAIN and unit.sample_first == self.arms[0].first_sample
         for question in self._open:
             question.observe(unit, film, cost, is_aside=is_aside)
 
@@ -88,7 +88,7 @@ class Agenda:
     def plan(self, iteration: Iteration) -> None:
         """Divide the next iteration for the first question that wants to compare in it."""
         asking = None
-        parts: Sequence[Part] = ()
+        arms: Sequence[ArmSamples] = ()
         is_waiting = False
         for question in self.questions:
             if question.is_over:
@@ -96,7 +96,7 @@ class Agenda:
             is_kept = any(other.is_comparing for other in self._open if other is not question)
             wanted = question.plan(iteration, is_free=not (asking or is_waiting or is_kept))
             if wanted and asking is None:
-                asking, parts = question, wanted
+                asking, arms = question, wanted
             is_waiting = is_waiting or not question.is_settled
-        self.parts = list(parts) or [Part(*iteration.next_range, CURRENT)]
+        self.arms = list(arms) or [ArmSamples(*iteration.next_range, CURRENT)]
         self._take_ways(asking)

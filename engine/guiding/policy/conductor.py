@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from engine.guiding.policy.agenda import Agenda
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.costs import MethodCosts
 from engine.guiding.policy.evidence import Evidence
-from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.keeping import FieldKeeper
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.recording import Recording
 from engine.guiding.policy.standing import Standing
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import Way
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import allocate_vertex_records
@@ -37,7 +37,7 @@ class Conductor:
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
         Guiding's.
     learnables : sequence of Learnable
@@ -53,23 +53,23 @@ class Conductor:
     """
 
     def __init__(
-        self, facts: RenderFacts, standing: Standing, learnables: Sequence[Learnable], agenda: Agenda,
+        self, context: RenderContext, standing: Standing, learnables: Sequence[Learnable], agenda: Agenda,
         evidence: Evidence, costs: MethodCosts, recording: Recording, rest: Callable[[int], Recording] | None = None,
         keeper: FieldKeeper | None = None,
     ) -> None:
-        self._facts, self._standing, self.learnables, self.agenda = facts, standing, list(learnables), agenda
+        self._context, self._standing, self.learnables, self.agenda = context, standing, list(learnables), agenda
         self._evidence, self._costs, self._keeper = evidence, costs, keeper
         self._recording, self._rest = recording, rest
-        self.notices, self.report = facts.notices, facts.report
+        self.notices, self.report = context.notices, context.report
         self._learning_seconds = 0.0
 
     @property
-    def parts(self) -> Sequence[Part]:
-        return self.agenda.parts
+    def arms(self) -> Sequence[ArmSamples]:
+        return self.agenda.arms
 
     @property
-    def other_parts(self) -> Sequence[Part]:
-        return self.agenda.other_parts
+    def other_arms(self) -> Sequence[ArmSamples]:
+        return self.agenda.other_arms
 
     @property
     def is_over(self) -> bool:
@@ -80,7 +80,7 @@ class Conductor:
         return self._keeper is not None and self._keeper.wants_last(self.agenda)
 
     def weight(self, first_sample: int, arm: int) -> float:
-        is_part = bool(self.agenda.other_parts)
+        is_part = bool(self.agenda.other_arms)
         return self._evidence.weights.of(first_sample, arm, is_guided=self.agenda.way.is_guided, is_part=is_part)
 
     def begin(self) -> None:
@@ -90,14 +90,14 @@ class Conductor:
 
     def narrow(self, pixel_count: int, expected_paths: float) -> None:
         self._recording.budget.paths_per_sample = pixel_count
-        self._evidence.remaining.expected_samples = expected_paths / max(self._facts.pixel_count, 1)
-        self._standing.is_narrow = is_narrow(pixel_count, self._facts.pixel_count, self._facts.rules)
+        self._evidence.remaining.expected_samples = expected_paths / max(self._context.pixel_count, 1)
+        self._standing.is_narrow = is_narrow(pixel_count, self._context.pixel_count, self._context.rules)
         for question in self.agenda.questions:
             question.narrow(pixel_count, self._evidence.remaining.expected_samples)
 
     def rehearse(self) -> None:
         rng = np.random.default_rng(0)
-        records = allocate_vertex_records(_REHEARSED_RECORDS, self._facts.settings.channel_count)
+        records = allocate_vertex_records(_REHEARSED_RECORDS, self._context.settings.channel_count)
         direction = rng.normal(size=(_REHEARSED_RECORDS, 3))
         records.position[:] = rng.random((_REHEARSED_RECORDS, 3))
         records.direction[:] = direction / np.linalg.norm(direction, axis=1)[:, None]
@@ -107,7 +107,7 @@ class Conductor:
         for learnable in self.learnables:
             learnable.rehearse(Rehearsal(records, _REHEARSED_RECORDS))
         for question in self.agenda.questions:
-            question.rehearse(self._facts.settings.channel_count)
+            question.rehearse(self._context.settings.channel_count)
 
     def first(self) -> Guidance:
         return self._guidance(self._recording.first())
@@ -162,6 +162,6 @@ class Conductor:
         return None if self._keeper is None else self._keeper.learned(light_digest, self._recording)
 
     def close(self) -> None:
-        self._facts.executor.shutdown(wait=True)
+        self._context.executor.shutdown(wait=True)
         for learnable in self.learnables:
             learnable.close()

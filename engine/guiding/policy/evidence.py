@@ -74,7 +74,7 @@ class Evidence:
         if self._standing.is_over:
             return
         if self._compared is not None:
-            weight = self.weights.seen(agenda.parts[0].first_sample, unit.arm)
+            weight = self.weights.seen(agenda.arms[0].first_sample, unit.arm)
             self._compared.add(unit.film_index, film.radiance, unit.sample_count, weight)
         if self._newest is not None and unit.arm != PLAIN and agenda.way.is_guided:
             self._newest.add(unit.film_index, film.radiance, film.square, unit.sample_count)
@@ -83,12 +83,12 @@ class Evidence:
         """What the iteration was that has just been traced; learning took so long the last time."""
         self.index += 1
         next_sample = traced.next_range[0]
-        samples = sum(part.sample_count for part in agenda.parts) * agenda.guided_share * agenda.pixel_share
+        samples = sum(arm.sample_count for arm in agenda.arms) * agenda.guided_share * agenda.pixel_share
         cautious = self._cautious
         is_early = cautious is not None and cautious.is_early(next_sample)
         if is_early:
             assert cautious is not None
-            cautious.hold(traced.units, sum(part.sample_count for part in agenda.parts), traced.costs)
+            cautious.hold(traced.units, sum(arm.sample_count for arm in agenda.arms), traced.costs)
             self.image = replace(self.image, weights=self._pixel_weights(traced))
         else:
             if cautious is not None:
@@ -97,7 +97,7 @@ class Evidence:
             self.samples += samples
             self._before, self.image = self.image, self._look(traced)
         return Iteration(
-            traced, self.index, tuple(agenda.parts), agenda.way.is_guided, agenda.pixel_share, samples, self.image,
+            traced, self.index, tuple(agenda.arms), agenda.way.is_guided, agenda.pixel_share, samples, self.image,
             is_early, self.remaining.samples_left(next_sample), sum(traced.next_range) >= self._ends_at,
             learning_seconds,
         )

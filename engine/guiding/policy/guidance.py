@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.guiding.fields.cells.field import CellField
-from engine.guiding.fields.reflected.field import ReflectedField
+from engine.guiding.fields.roulette.field import RouletteField
 from engine.guiding.fields.table import TableField
 from engine.guiding.fields.vmm.field import VmmField
 from engine.guiding.models.candidate_model import CandidateModel
@@ -36,7 +36,7 @@ class Guidance:
     pixel_weight : float32 (P,), of the film's pixels (`engine.ris.orca.pixel_weights`)
     uses_cache : bool, whether paths end in `cells`, and teach them
     cells : CellField or None, while nothing is known; paths whose hash is below measure_threshold do not end
-    reflected : ReflectedField or None, what roulette goes by; None: by the throughput alone
+    roulette_field : RouletteField or None, what roulette goes by; None: by the throughput alone
     table : TableField or None; model : CandidateModel or None. Without both the mixture predicts
     lights : LightSelection or None, which lights to sample, of guided and unguided paths alike; None: the light tree
         chooses, and recorded paths do not say which they have sampled
@@ -60,15 +60,15 @@ class Guidance:
     uses_cache: bool = False
     cells: CellField | None = None
     measure_threshold: int = 0
-    reflected: ReflectedField | None = None
+    roulette_field: RouletteField | None = None
     lights: LightSelection | None = None
     guides_media: bool = True
 
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
         plain = Guidance(self.settings, 0)
-        if self.reflected is not None:
-            plain = plain.with_roulette(self.reflected, self.pixel_weight)
+        if self.roulette_field is not None:
+            plain = plain.with_roulette(self.roulette_field, self.pixel_weight)
         return plain.with_cells(self.cells, self.measure_threshold) if self.uses_cache else plain
 
     def without_records(self) -> Guidance:
@@ -96,10 +96,10 @@ class Guidance:
             allocation=allocation, pixel_weight=pixel_weight, guides_media=guides_media,
         )
 
-    def with_roulette(self, reflected: ReflectedField, pixel_weight: np.ndarray | None) -> Guidance:
+    def with_roulette(self, roulette_field: RouletteField, pixel_weight: np.ndarray | None) -> Guidance:
         """The same, with roulette by what surfaces send back."""
-        challenger = None if self.challenger is None else self.challenger.with_roulette(reflected, pixel_weight)
-        return replace(self, reflected=reflected, pixel_weight=pixel_weight, challenger=challenger)
+        challenger = None if self.challenger is None else self.challenger.with_roulette(roulette_field, pixel_weight)
+        return replace(self, roulette_field=roulette_field, pixel_weight=pixel_weight, challenger=challenger)
 
     def with_cells(self, cells: CellField | None, measure_threshold: int) -> Guidance:
         """The same, with paths that end in these cells."""

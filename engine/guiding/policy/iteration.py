@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import ImageState
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, join_records
@@ -44,7 +44,7 @@ class Iteration:
 
     traced : Traced, with what was kept of earlier iterations that nothing was learned from
     index : int, of this iteration, from 1
-    parts : sequence of Part, by what it was rendered
+    arms : sequence of ArmSamples, by what it was rendered
     was_guided : bool, whether its paths were, but for those of the arm PLAIN
     pixel_share : float, of the pixels that had guided samples
     samples : float, guided ones a pixel that there are records of
@@ -57,7 +57,7 @@ class Iteration:
 
     traced: Traced
     index: int
-    parts: Sequence[Part]
+    arms: Sequence[ArmSamples]
     was_guided: bool
     pixel_share: float
     samples: float
@@ -104,7 +104,7 @@ class Iteration:
     @property
     def guided_share(self) -> float:
         """Share of its samples that were guided, where any were."""
-        return guided_share(self.parts)
+        return guided_share(self.arms)
 
     @property
     def path_count(self) -> float:
@@ -118,7 +118,7 @@ class Iteration:
         return self.guided_share * sum(self.costs.stage_seconds.values())
 
 
-def guided_share(parts: Sequence[Part]) -> float:
+def guided_share(arms: Sequence[ArmSamples]) -> float:
     """Share of the samples that are not of the arm PLAIN."""
-    counts = [(count, arm != PLAIN) for _, count, arm in parts]
+    counts = [(count, arm != PLAIN) for _, count, arm in arms]
     return sum(count for count, is_guided in counts if is_guided) / sum(count for count, _ in counts)

@@ -10,8 +10,8 @@ from dataclasses import replace
 from engine.guiding.fields.state import check_numbers
 from engine.guiding.policy.agenda import Agenda
 from engine.guiding.policy.cautious import CautiousTrial
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.evidence import Evidence
-from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.learnables.predictors import LearnedPredictors
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.questions.guiding import GuidingQuestion
@@ -27,7 +27,7 @@ class FieldKeeper:
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     evidence : Evidence
     regions : LearnedRegions
     predictors : LearnedPredictors
@@ -38,10 +38,10 @@ class FieldKeeper:
     """
 
     def __init__(
-        self, facts: RenderFacts, evidence: Evidence, regions: LearnedRegions, predictors: LearnedPredictors,
+        self, context: RenderContext, evidence: Evidence, regions: LearnedRegions, predictors: LearnedPredictors,
         guiding: GuidingQuestion, method: MethodQuestion, cautious: CautiousTrial | None,
     ) -> None:
-        self._facts, self._evidence, self._regions, self._predictors = facts, evidence, regions, predictors
+        self._context, self._evidence, self._regions, self._predictors = context, evidence, regions, predictors
         self._guiding, self._method, self._cautious = guiding, method, cautious
 
     def learned(self, light_digest: str, recording: Recording) -> LearnedField | None:
@@ -65,26 +65,26 @@ class FieldKeeper:
 
     def wants_last(self, agenda: Agenda) -> bool:
         """Whether the last iteration's records are of use: to the sink, or to what outlives the render."""
-        return self._facts.request.sink is not None or self._learns_last(agenda)
+        return self._context.request.sink is not None or self._learns_last(agenda)
 
     def _learns_last(self, agenda: Agenda) -> bool:
         samples = self._samples(agenda)
         share = samples / max(self._evidence.samples + samples, 1e-9)
-        is_kept = self._facts.request.keeps and not self._guiding.is_over
-        return is_kept and share >= self._facts.rules.least_last
+        is_kept = self._context.request.keeps and not self._guiding.is_over
+        return is_kept and share >= self._context.rules.least_last
 
     @staticmethod
     def _samples(agenda: Agenda) -> float:
         """Guided samples a pixel of the iteration in work."""
-        return sum(part.sample_count for part in agenda.parts) * agenda.guided_share * agenda.pixel_share
+        return sum(arm.sample_count for arm in agenda.arms) * agenda.guided_share * agenda.pixel_share
 
     def take_last(self, units: Sequence[UnitRecords], agenda: Agenda) -> None:
         """Take the records of the last iteration, which nothing in this render can be guided by."""
         if self._cautious is not None:
             units = [*self._cautious.held, *units]
         records, row_count = join_records([unit.vertices for unit in units])
-        if self._facts.request.sink is not None:
-            self._facts.request.sink.take(records, row_count)
+        if self._context.request.sink is not None:
+            self._context.request.sink.take(records, row_count)
         if not row_count or not self._learns_last(agenda):
             return
         image = self._evidence.image

@@ -9,7 +9,7 @@ from typing import Protocol
 from engine.guiding.models.report import GuidingReport
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Traced
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.saved.learned import LearnedField
 from engine.scene.description import Notice
@@ -30,12 +30,12 @@ class Learner(Protocol):
     report: GuidingReport
 
     @property
-    def parts(self) -> Sequence[Part]:
+    def arms(self) -> Sequence[ArmSamples]:
         """Parts of the iteration in work."""
 
     @property
-    def other_parts(self) -> Sequence[Part]:
-        """Parts of units that have no pixels of a trial; empty: all units have the same parts."""
+    def other_arms(self) -> Sequence[ArmSamples]:
+        """Arms of units that have no pixels of a trial; empty: all units have the same arms."""
 
     @property
     def is_over(self) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from engine.guiding.policy import trial
 from engine.guiding.policy.rules import RULES, Rules
-from engine.guiding.policy.trial import GuidingTrial, Part, SampleMoments
+from engine.guiding.policy.trial import ArmSamples, GuidingTrial, SampleMoments
 from engine.guiding.saved.learned import LOST, OPEN, WON
 from engine.state.film import FilmTile
 from engine.state.unit import CURRENT, Unit
@@ -170,7 +170,7 @@ class PlainTrial:
     def plan(
         self, first: int, count: int, *, knows_something: bool = True, is_whole: bool = True, is_last: bool = False,
         is_free: bool = True,
-    ) -> list[Part]:
+    ) -> list[ArmSamples]:
         """Parts of the next iteration, if it is to compare; else none.
 
         Parameters
@@ -193,16 +193,16 @@ class PlainTrial:
             self._trial, self._overheads = None, []
             return []
         is_tried = self._tries_plain and not self._has_won and knows_something
-        parts = trial.parts(self._iteration, first, count, is_tried=is_tried, rules=self._rules)
-        if len(parts) > 1:
+        arms = trial.arms(self._iteration, first, count, is_tried=is_tried, rules=self._rules)
+        if len(arms) > 1:
             self._compared_at = self._iteration
         elif is_free and self.is_settled and count >= self._rules.least_compared and self._is_due(first):
             self._looks_again = True
-            parts = trial.compared_parts(first, count)
-        self._is_comparing = len(parts) > 1
+            arms = trial.compared_arms(first, count)
+        self._is_comparing = len(arms) > 1
         if self._is_comparing and self._trial is None:
             self._trial = GuidingTrial(self._pixel_count, self._plain if is_whole else None, self._rules)
-        return parts if self._is_comparing else []
+        return arms if self._is_comparing else []
 
     def _is_due(self, first: int) -> bool:
         """Whether to compare with unguided rendering again."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from engine.guiding.policy.agenda import Agenda
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.iterations import RecordBudget
@@ -22,7 +22,7 @@ class Recording:
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     budget : RecordBudget
 
     Attributes
@@ -32,8 +32,8 @@ class Recording:
         Whether there is nothing to learn any more, so that the render need not go in iterations.
     """
 
-    def __init__(self, facts: RenderFacts, budget: RecordBudget) -> None:
-        self._facts, self.budget = facts, budget
+    def __init__(self, context: RenderContext, budget: RecordBudget) -> None:
+        self._context, self.budget = context, budget
         self.is_over = False
 
     def count(self, iteration: Iteration) -> None:
@@ -41,17 +41,17 @@ class Recording:
         self._count(iteration, iteration.row_count)
 
     def _count(self, iteration: Iteration, row_count: int) -> None:
-        self._facts.report.record_count += row_count
+        self._context.report.record_count += row_count
         if row_count:
             self.budget.count(row_count + iteration.costs.dropped_records, iteration.path_count)
 
     def first(self) -> Guidance:
         """Guidance of the first iteration."""
-        return Guidance(self._facts.settings, self.budget.threshold(1))
+        return Guidance(self._context.settings, self.budget.threshold(1))
 
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
         """Guidance of the iteration that the agenda has planned, after another; says whether it is over."""
-        return Guidance(self._facts.settings, self.budget.threshold(iteration.next_range[1]))
+        return Guidance(self._context.settings, self.budget.threshold(iteration.next_range[1]))
 
 
 class GuidedRecording(Recording):
@@ -59,7 +59,7 @@ class GuidedRecording(Recording):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     budget : RecordBudget
     guiding : GuidingQuestion
         Few are wanted while that is in doubt.
@@ -70,22 +70,22 @@ class GuidedRecording(Recording):
     """
 
     def __init__(
-        self, facts: RenderFacts, budget: RecordBudget, guiding: GuidingQuestion, first_samples: int,
+        self, context: RenderContext, budget: RecordBudget, guiding: GuidingQuestion, first_samples: int,
         source: LearnedSource | None,
     ) -> None:
-        super().__init__(facts, budget)
+        super().__init__(context, budget)
         self._guiding, self._first_samples, self._source = guiding, first_samples, source
         #: Whether records are wanted however little is left of the render.
-        self._needs_all = source is not None or facts.settings.radiance_cache != "OFF"
+        self._needs_all = source is not None or context.settings.radiance_cache != "OFF"
 
     def first(self) -> Guidance:
         self.budget.is_frugal = self._guiding.is_doubtful
-        return Guidance(self._facts.settings, self.budget.threshold(self._first_samples))
+        return Guidance(self._context.settings, self.budget.threshold(self._first_samples))
 
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
-        settings, budget = self._facts.settings, self.budget
+        settings, budget = self._context.settings, self.budget
         if iteration.is_early:
-            weights = None if self._facts.light_clusters is None else iteration.image.weights
+            weights = None if self._context.light_clusters is None else iteration.image.weights
             return Guidance(settings, int(iteration.traced.recorded_share * 2**32), pixel_weight=weights)
         if not self._needs_all:
             left = iteration.samples_left - iteration.next_range[1]
@@ -103,7 +103,7 @@ class UnguidedRecording(Recording):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     paths_per_sample : int
         Pixels that are rendered.
     lights : LightsAlone, LightsOfRegions or None
@@ -114,29 +114,29 @@ class UnguidedRecording(Recording):
     """
 
     def __init__(
-        self, facts: RenderFacts, paths_per_sample: int, lights: LightsAlone | LightsOfRegions | None,
+        self, context: RenderContext, paths_per_sample: int, lights: LightsAlone | LightsOfRegions | None,
         roulette: LearnedRoulette | None, *, after_guiding: bool,
     ) -> None:
         super().__init__(
-            facts,
+            context,
             unguided_budget(
-                facts.settings, paths_per_sample, facts.unit_pixels, learns_lights=lights is not None,
-                rules=facts.rules,
+                context.settings, paths_per_sample, context.unit_pixels, learns_lights=lights is not None,
+                rules=context.rules,
             ),
         )
         self._lights, self._roulette, self._after_guiding = lights, roulette, after_guiding
 
     def first(self) -> Guidance:
         # What a sample brings to a pixel is judged by the pixel's value, which nobody knows: no lights are learned yet.
-        return Guidance(self._facts.settings, 0 if self._roulette is None else self.budget.threshold(1))
+        return Guidance(self._context.settings, 0 if self._roulette is None else self.budget.threshold(1))
 
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
-        settings, rules = self._facts.settings, self._facts.rules
+        settings, rules = self._context.settings, self._context.rules
         lights_pay = self._lights is not None and self._lights.pays
         goes_on = learns_after(iteration.next_sample, lights_pay=lights_pay, rules=rules)
         if self._after_guiding:
             is_comparing = agenda.challenger is not None
-            has_use = self._facts.request.sink is None and sum(iteration.next_range) < settings.samples
+            has_use = self._context.request.sink is None and sum(iteration.next_range) < settings.samples
             has_roulette = self._roulette is not None and self._roulette.is_ready and agenda.way.ends_by_learned
             goes_on = goes_on and has_use and (has_roulette or lights_pay) and not is_comparing
             self.is_over = not (goes_on or is_comparing)
@@ -152,26 +152,26 @@ class CacheRecording(Recording):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     budget : RecordBudget
     standing : Standing
         The cache's.
     """
 
-    def __init__(self, facts: RenderFacts, budget: RecordBudget, standing: Standing) -> None:
-        super().__init__(facts, budget)
+    def __init__(self, context: RenderContext, budget: RecordBudget, standing: Standing) -> None:
+        super().__init__(context, budget)
         self._standing = standing
 
     def count(self, iteration: Iteration) -> None:
-        self._count(iteration, sum(len(unit.taught.program) for unit in iteration.traced.units))
+        self._count(iteration, sum(len(unit.cache_records.program) for unit in iteration.traced.units))
 
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
         self.is_over = self._standing.is_over
-        rules = self._facts.rules
+        rules = self._context.rules
         threshold = 0 if self.is_over else self.budget.threshold(iteration.next_range[1])
         if iteration.next_sample >= rules.cache_early_samples:
             threshold = min(threshold, int(rules.cache_measured_share * 2**32))
-        return Guidance(self._facts.settings, threshold)
+        return Guidance(self._context.settings, threshold)
 
 
 def learns_after(samples: int, *, lights_pay: bool, rules: Rules = RULES) -> bool:

@@ -30,7 +30,7 @@ LAST_DOUBT = 5
 _ROUNDS = 8
 
 
-class Part(NamedTuple):
+class ArmSamples(NamedTuple):
     """Samples of an iteration that are rendered alike, by one of the arms of `engine.state.unit`."""
 
     first_sample: int
@@ -86,7 +86,7 @@ def tried_weight(
     return rules.guided_weight if is_guided and first_sample >= rules.guided_weight_from else 1.0
 
 
-def parts(iteration: int, first: int, count: int, *, is_tried: bool, rules: Rules = RULES) -> list[Part]:
+def arms(iteration: int, first: int, count: int, *, is_tried: bool, rules: Rules = RULES) -> list[ArmSamples]:
     """Parts of an iteration, for the trial against unguided rendering.
 
     Parameters
@@ -96,20 +96,20 @@ def parts(iteration: int, first: int, count: int, *, is_tried: bool, rules: Rule
     rules : Rules
     """
     if not is_tried or iteration not in rules.least_efficiency or count < rules.least_compared:
-        return [Part(first, count, CURRENT)]
-    return compared_parts(first, count)
+        return [ArmSamples(first, count, CURRENT)]
+    return compared_arms(first, count)
 
 
-def compared_parts(first: int, count: int) -> list[Part]:
+def compared_arms(first: int, count: int) -> list[ArmSamples]:
     """Parts of an iteration, of four samples or more, that renders a few of them unguided."""
     plain = max(count // 4, 2)  # a variance takes two
-    return [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
+    return [ArmSamples(first, count - plain, CURRENT), ArmSamples(first + count - plain, plain, PLAIN)]
 
 
-def halves(first: int, count: int) -> list[Part]:
+def halves(first: int, count: int) -> list[ArmSamples]:
     """Parts of an iteration that renders half of its samples as a challenger has it."""
     half = count // 2
-    return [Part(first, count - half, CURRENT), Part(first + count - half, half, CHALLENGER)]
+    return [ArmSamples(first, count - half, CURRENT), ArmSamples(first + count - half, half, CHALLENGER)]
 
 
 class SampleMoments:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from engine.guiding.records.taught import TaughtRecords
+from engine.guiding.records.cache_records import CacheRecords
 from engine.guiding.records.vertices import VertexRecords
 
 
@@ -13,8 +13,8 @@ class UnitRecords(NamedTuple):
     """Records of a unit.
 
     vertices : VertexRecords, for what guides paths
-    taught : TaughtRecords, for the radiance cache
+    cache_records : CacheRecords, for the radiance cache
     """
 
     vertices: VertexRecords
-    taught: TaughtRecords
+    cache_records: CacheRecords

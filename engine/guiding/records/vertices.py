@@ -98,7 +98,7 @@ class VertexRecords(Records):
     spectrum: Float32Array = column(
         "incident radiance at each wavelength; NaN where the path had lost it before", "R", "wavelengths"
     )
-    reflected: Float32Array = column(
+    outgoing_radiance: Float32Array = column(
         "radiance that the surface sent back along the path, its light sample included, mean over channels "
         "(`log_arrival`)", "R",
     )
@@ -333,7 +333,7 @@ def collect_records(log, paths, pixel_weight, lanes, lane_count, max_distance, r
                     records.light_cluster[record_count] = int(real[row, VERTEX_CLUSTER])
                     records.light_pmf[record_count] = real[row, VERTEX_CLUSTER_PMF]
                     records.tree_pmf[record_count] = real[row, VERTEX_TREE_PMF]
-                    records.reflected[record_count] = sent_back / arrived
+                    records.outgoing_radiance[record_count] = sent_back / arrived
                     records.cost[record_count] = cost
                     records.program[record_count] = np.int32(real[row, VERTEX_PROGRAM])
                     record_count += 1

@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import cast
 
 from engine.guiding.models.source_model import SourceModel
-from engine.guiding.sources.face import GuideFace, Implementation
+from engine.guiding.sources.guide_kernels import GuideKernels, Implementation
 from engine.methods import SOURCES
 from engine.settings import RenderSettings
 
@@ -24,7 +24,7 @@ def implementation(source: str) -> Implementation:
     return cast(Implementation, import_module(SOURCES[source].implementation, __package__))
 
 
-def face_of(bundle: str) -> GuideFace:
+def kernels_of(bundle: str) -> GuideKernels:
     """How lanes are sampled, by the name of their bundle's class.
 
     Raises
@@ -34,10 +34,10 @@ def face_of(bundle: str) -> GuideFace:
     """
     # Networks last, which are loaded for no other lanes than their own.
     for source in sorted(SOURCES, key=lambda name: SOURCES[name].is_network):
-        for kind, face in implementation(source).FACES.items():
+        for kind, kernels in implementation(source).KERNELS.items():
             if kind.__name__ == bundle:
-                return face
-    raise LookupError(f"no source of directions has lanes of the kind {bundle}: add it to its module's FACES")
+                return kernels
+    raise LookupError(f"no source of directions has lanes of the kind {bundle}: add it to its module's KERNELS")
 
 
 def make_source_model(settings: RenderSettings) -> SourceModel | None:

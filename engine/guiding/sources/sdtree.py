@@ -18,7 +18,7 @@ from engine.guiding.fields.sdtree.query import (
 )
 from engine.guiding.models.source_model import SourceModel
 from engine.guiding.records.vertices import VertexRecords, compensate
-from engine.guiding.sources.face import GuideFace, ask_for_nothing, is_same_at_all, query_nothing
+from engine.guiding.sources.guide_kernels import GuideKernels, ask_for_nothing, is_same_at_all, query_nothing
 from engine.kernels.path import real_3
 from engine.runtime.jit import kernel
 from engine.settings import RenderSettings
@@ -117,8 +117,8 @@ def _with_field(guide: SdTreeGuide, field: SdTreeField | None) -> SdTreeGuide:
     return guide._replace(tree=no_sdtree_field() if field is None else field)
 
 
-FACES = {
-    SdTreeGuide: GuideFace(
+KERNELS = {
+    SdTreeGuide: GuideKernels(
         _with_field, _ready_sdtree, _ready_sdtree_collision, sample_sdtree, eval_sdtree, predict_sdtree,
         is_same_at_all, query_nothing, ask_for_nothing,
     )

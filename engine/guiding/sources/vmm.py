@@ -7,7 +7,7 @@ from typing import Any
 
 from engine.guiding.fields.vmm.field import GUIDE_LINES, GuideLobes, allocate_guide
 from engine.guiding.fields.vmm.query import eval_vmm, predict_vmm, prepare_phase, prepare_vmm, sample_vmm
-from engine.guiding.sources.face import GuideFace, is_same_at_all, query_nothing
+from engine.guiding.sources.guide_kernels import GuideKernels, is_same_at_all, query_nothing
 from engine.kernels.bsdf.phase import mean_cosine
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import prefetch_lines
@@ -60,8 +60,8 @@ def _with_field(guide: GuideLobes, field: Any) -> GuideLobes:
     return guide
 
 
-FACES = {
-    GuideLobes: GuideFace(
+KERNELS = {
+    GuideLobes: GuideKernels(
         _with_field, ready_vmm, ready_vmm_collision, sample_vmm, eval_vmm, predict_vmm, is_same_at_all, query_nothing,
         ask_for_lobes,
     )

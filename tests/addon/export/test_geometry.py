@@ -363,7 +363,7 @@ def test_face_instances_carry_texture_coordinates_when_wanted(scene: Any) -> Non
         layer.data[loop.index].uv = ground.data.vertices[loop.vertex_index].co[:2]
     child = add_square()
     child.parent = ground
-    ground.instance_type = "FACES"
+    ground.instance_type = "KERNELS"
     # Blender remembers undeformed coordinates of meshes that have modifiers.
     ground.modifiers.new("Still", "CAST").factor = 1e-6
     assert not export().instances.dupli_uv.any()

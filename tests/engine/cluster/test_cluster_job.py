@@ -63,7 +63,7 @@ class SimulatedPool:
 
     def submit(self, ticket, worker, order):
         wanted = pickle.loads(order)
-        self.begun.append((worker, wanted.tiles, wanted.part))
+        self.begun.append((worker, wanted.tiles, wanted.arm_samples))
         speed = self._speeds[worker]
         if speed == 0.0:
             return
@@ -98,8 +98,8 @@ def ones(order):
     tiles = FrameTiles(FRAME)
     pixel_count = sum(len(tiles[tile][0]) for tile in order.tiles)
     tile = allocate_tile(pixel_count, 3)
-    tile.radiance[:] = order.part.sample_count
-    tile.count[:] = order.part.sample_count
+    tile.radiance[:] = order.arm_samples.sample_count
+    tile.count[:] = order.arm_samples.sample_count
     return TracedTiles(tile, [UnitCosts()] * len(order.tiles), None)
 
 
@@ -136,8 +136,9 @@ def test_ranges_cover_each_sample_of_each_tile_once_and_in_order():
             numbers.append(item.number)
             assert len(item.tasks) <= tile_count and (len(item.tasks) == 1 or item.path_count <= most_paths)
             for task in item.tasks:
-                assert task.part[:2] == item.tasks[0].part[:2] and task.part.first_sample == reached[task.tile]
-                reached[task.tile] += task.part.sample_count
+                assert task.arm_samples[:2] == item.tasks[0].arm_samples[:2]
+                assert task.arm_samples.first_sample == reached[task.tile]
+                reached[task.tile] += task.arm_samples.sample_count
                 loop.finish(task)
         assert (reached == SAMPLES).all() and len(set(numbers)) == len(numbers)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop
 from engine.render.request import RenderRequest
@@ -69,7 +69,8 @@ def test_alike_tasks_at_once_are_what_they_are_one_by_one(strata):
         loop = RenderLoop(RenderRequest(frame, settings), film, 1, lambda guidance: None)
         loop.ready()
         tasks = [loop.take() for _ in loop.tiles]
-        assert all(is_alike(task, tasks[0]) for task in tasks) and tasks[0].part == Part(*tasks[0].part)
+        assert all(is_alike(task, tasks[0]) for task in tasks)
+        assert tasks[0].arm_samples == ArmSamples(*tasks[0].arm_samples)
         units = [loop.unit(task) for task in tasks]
         counts = [len(unit.pixels) * strata for unit in units]
         ends = np.cumsum(counts)

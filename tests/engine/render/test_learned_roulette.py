@@ -101,7 +101,7 @@ def test_automatic_guiding_goes_by_it_whether_it_wins_or_loses(least):
     for by in ("AUTO", "THROUGHPUT"):
         guidance = render("AUTO", 1, **settings, roulette=by, rules=rules).guidance
         assert (guidance.field is not None) == (least == 0.0)
-        assert (guidance.reflected is not None) == (by == "AUTO")
+        assert (guidance.roulette_field is not None) == (by == "AUTO")
 
 
 def test_it_is_learned_on_once_guiding_has_lost(monkeypatch):

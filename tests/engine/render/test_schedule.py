@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.render.schedule import Iterations, PacedSchedule, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataSchedule
 from engine.settings import RenderSettings
@@ -41,8 +41,8 @@ def run(schedule: Schedule, workers: int, learn: Callable[[], Schedule | None] |
 def check_samples(done: list[Task], samples: int) -> None:
     """Every tile has every sample once, in order."""
     for tile in range(TILES):
-        parts = [task.part for task in done if task.tile == tile]
-        assert [s for first, count, _ in parts for s in range(first, first + count)] == list(range(samples))
+        arms = [task.arm_samples for task in done if task.tile == tile]
+        assert [s for first, count, _ in arms for s in range(first, first + count)] == list(range(samples))
 
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
@@ -50,18 +50,18 @@ def check_samples(done: list[Task], samples: int) -> None:
 def test_unguided_tasks_grow_and_cover_all_samples(samples: int, workers: int) -> None:
     done = run(PlainSchedule(TILES, samples), workers)
     check_samples(done, samples)
-    counts = [task.part.sample_count for task in done if task.tile == 3]
+    counts = [task.arm_samples.sample_count for task in done if task.tile == 3]
     if samples == 200:
         assert counts[:13] == [1] + [2] * 12 and counts[-3:] == [18, 20, 17] and len(counts) == 32
     assert [task.is_first for task in done if task.tile == 3] == [True] + [False] * (len(counts) - 1)
-    assert {task.part.arm for task in done} == {CURRENT}
+    assert {task.arm_samples.arm for task in done} == {CURRENT}
 
 
 def test_only_the_last_tiles_end_in_small_tasks() -> None:
     schedule, counts = PlainSchedule(50, 700), [[] for _ in range(50)]
     while schedule.has_task:
         task = schedule.take()
-        counts[task.tile].append(task.part.sample_count)
+        counts[task.tile].append(task.arm_samples.sample_count)
         schedule.finish(task)
     assert {tuple(of_tile[-5:]) for of_tile in counts[:18]} == {(51, 57, 64, 64, 53)}
     assert {tuple(of_tile[-5:]) for of_tile in counts[18:]} == {(64, 14, 14, 14, 11)}
@@ -79,20 +79,20 @@ def test_whenever_a_render_is_cancelled_its_tiles_have_nearly_as_many_samples(ki
         "steps": steps, "iterations": iterations,
     }[kind]  # fmt: skip
     steps.begin(TILES)
-    iterations.begin([Part(0, 1, CURRENT)], TILES)
+    iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
     in_work: list[Task] = []
     while schedule.has_task or in_work:
         while schedule.has_task and len(in_work) < 2:
             in_work.append(schedule.take())
         task = in_work.pop(0)
-        done[task.tile] += task.part.sample_count
+        done[task.tile] += task.arm_samples.sample_count
         assert max(done.values()) - min(done.values()) <= 2 * max(2, min(done.values()) // 8 + 1)
         if schedule.finish(task):
             if kind == "steps" and not steps.is_last:
                 steps.begin(TILES)
             following = iterations.plan(0.0) if kind == "iterations" else None
             if following is not None:
-                iterations.begin([Part(*following, CURRENT)], TILES)
+                iterations.begin([ArmSamples(*following, CURRENT)], TILES)
     assert set(done.values()) == {samples}
 
 
@@ -108,7 +108,7 @@ def test_first_tasks_are_handed_out_before_any_second() -> None:
 def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers: int) -> None:
     samples, planned = 63, []
     iterations = Iterations(samples)
-    iterations.begin([Part(0, 1, CURRENT)], TILES)
+    iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule | None:
         following = iterations.plan(0.0)
@@ -117,8 +117,8 @@ def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers:
         planned.append(following)
         first, count = following
         plain = count // 4
-        parts = [Part(first, count - plain, CURRENT), Part(first + count - plain, plain, PLAIN)]
-        iterations.begin(parts if plain else [Part(first, count, CHALLENGER)], TILES)
+        arms = [ArmSamples(first, count - plain, CURRENT), ArmSamples(first + count - plain, plain, PLAIN)]
+        iterations.begin(arms if plain else [ArmSamples(first, count, CHALLENGER)], TILES)
         return iterations
 
     done = run(iterations, workers, learn)
@@ -126,14 +126,14 @@ def test_iterations_wait_for_all_tiles_and_are_divided_as_learning_says(workers:
     assert planned == [(1, 3), (4, 4), (8, 8), (16, 16), (32, 16), (48, 15)]
     # No task of an iteration ends before all of the one before have.
     assert [task.step for task in done] == sorted(task.step for task in done)
-    # All of an iteration are weighed by its first sample, whatever their part.
+    # All of an iteration are weighed by its first sample, whatever their arm.
     assert {task.weighs_as for task in done if task.step == 5} == {32}
 
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_tiles_from_some_on_may_be_divided_otherwise(workers: int) -> None:
     iterations, begun = Iterations(8), []
-    iterations.begin([Part(0, 1, CURRENT)], TILES)
+    iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule | None:
         following = iterations.plan(0.0)
@@ -141,39 +141,39 @@ def test_tiles_from_some_on_may_be_divided_otherwise(workers: int) -> None:
             return None
         first, count = following
         begun.append(first)
-        parts = [Part(first, count - 1, CURRENT), Part(first + count - 1, 1, PLAIN)]
+        arms = [ArmSamples(first, count - 1, CURRENT), ArmSamples(first + count - 1, 1, PLAIN)]
         # Only in one iteration: what was said of it is not true of the next.
-        other = [Part(first, count, PLAIN)] if len(begun) == 1 else []
-        iterations.begin(parts, TILES, other, 2)
+        other = [ArmSamples(first, count, PLAIN)] if len(begun) == 1 else []
+        iterations.begin(arms, TILES, other, 2)
         return iterations
 
     done = run(iterations, workers, learn)
     check_samples(done, 8)
-    arms = [[task.part.arm for task in done if task.tile == tile and task.step == 1] for tile in range(TILES)]
+    arms = [[task.arm_samples.arm for task in done if task.tile == tile and task.step == 1] for tile in range(TILES)]
     assert arms == [[CURRENT, PLAIN]] * 2 + [[PLAIN]] * (TILES - 2)
     assert all(task.weighs_as == 1 for task in done if task.step == 1)
-    assert {task.part.arm for task in done if task.step == 2 and task.tile == 6} == {CURRENT, PLAIN}
+    assert {task.arm_samples.arm for task in done if task.step == 2 and task.tile == 6} == {CURRENT, PLAIN}
 
 
 @pytest.mark.parametrize("workers", [1, 4])
 def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) -> None:
     samples = 200
     iterations = Iterations(samples)
-    iterations.begin([Part(0, 1, CURRENT)], TILES)
+    iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule:
         following = iterations.plan(0.0)
         assert following is not None
         if following[0] >= 15:
             return PlainSchedule(TILES, samples, following[0], 2)
-        iterations.begin([Part(*following, CURRENT)], TILES)
+        iterations.begin([ArmSamples(*following, CURRENT)], TILES)
         return iterations
 
     done = run(iterations, workers, learn)
     check_samples(done, samples)
-    counts = [task.part.sample_count for task in done if task.tile == 0]
+    counts = [task.arm_samples.sample_count for task in done if task.tile == 0]
     assert counts[:12] == [1, 2, 1, 2, 2, 2, 2, 2, 2, 2, 2, 2] and sum(counts) == samples
-    assert not any(task.is_first for task in done if task.part.first_sample)
+    assert not any(task.is_first for task in done if task.arm_samples.first_sample)
 
 
 @pytest.mark.parametrize("workers", [1, 4])
@@ -193,23 +193,23 @@ def test_steps_wait_for_all_tiles_and_may_lose_some(workers: int) -> None:
 
     done = run(steps, workers, look)
     assert ends == [80, 96, 112, 120]
-    check_samples([task for task in done if task.part.first_sample < 80], 80)
-    counts = [task.part.sample_count for task in done if task.tile == 0]
+    check_samples([task for task in done if task.arm_samples.first_sample < 80], 80)
+    counts = [task.arm_samples.sample_count for task in done if task.tile == 0]
     assert counts[:3] == [1, 2, 2] and counts[23:] == [7, 10, 6, 12, 4, 8]
-    assert [sum(task.part.first_sample == end for task in done) for end in ends[:-1]] == tile_counts[:-1]
+    assert [sum(task.arm_samples.first_sample == end for task in done) for end in ends[:-1]] == tile_counts[:-1]
 
 
 def test_strata_follow_each_other_after_a_first_pass_over_all() -> None:
     settings = RenderSettings(samples=256, guiding_method="NPM", strata=4)
     iterations = Iterations(settings.samples, StrataSchedule(settings, 4))
     assert iterations.is_whole and iterations.stratum == ALL_STRATA
-    iterations.begin([Part(0, 1, CURRENT)], TILES)
+    iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
 
     def learn() -> Schedule | None:
         following = iterations.plan(0.0)
         if following is None:
             return None
-        iterations.begin([Part(*following, CURRENT)], TILES)
+        iterations.begin([ArmSamples(*following, CURRENT)], TILES)
         return iterations
 
     done = run(iterations, 2, learn)

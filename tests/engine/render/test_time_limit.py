@@ -89,7 +89,7 @@ def test_tasks_of_a_pass_are_alike_and_tiles_are_never_a_pass_apart(tile_count):
             out.append(schedule.take())
             continue
         task = out.pop(0)
-        first, count, _ = task.part
+        first, count, _ = task.arm_samples
         assert samples[task.tile] == first
         assert task.is_first == (first == 0)
         samples[task.tile] += count
@@ -112,7 +112,7 @@ def test_a_pass_that_may_be_cut_off_begins_when_all_tiles_are_there():
         # The slow tile is finished only when nothing else is to be done.
         task = min(out, key=lambda one: one.tile == slow)
         out.remove(task)
-        first, count, _ = task.part
+        first, count, _ = task.arm_samples
         samples[task.tile] += count
         schedule.finish(task)
         behind = min(samples[tile] for tile in range(8))

@@ -74,7 +74,7 @@ def is_tried():
 
 
 def test_where_guiding_loses_only_a_quarter_of_the_pixels_was_guided(film_weights):
-    """Of 32 samples 1 teaches, 3 are guided by that, 2 + 2 compared, and the rest unguided; elsewhere all are."""
+    """1 of 32 samples teaches, 3 are guided by that, 2 + 2 compared, and the rest unguided; elsewhere all are."""
     rules = outcome(1e9)
     report = render("VMM", 1, scene=scene, samples=32, rules=rules).report
     assert report.guiding.stopped_at == 8 and report.sample_count == 32
@@ -138,7 +138,7 @@ def arms_of_units(monkeypatch):
     keep_alike = RenderLoop.keep_alike
 
     def kept(loop, tasks, *others):
-        arms.extend(task.part.arm for task in tasks)
+        arms.extend(task.arm_samples.arm for task in tasks)
         keep_alike(loop, tasks, *others)
 
     monkeypatch.setattr(RenderLoop, "keep_alike", kept)
@@ -162,7 +162,7 @@ def test_roulette_is_compared_by_pixels_that_were_not_guided(size, renders_for_i
 def test_roulette_that_loses_elsewhere_is_left(least):
     rules = outcome(1e9, roulette_least_efficiency=least)
     guidance = render("AUTO", 1, scene=scene, samples=32, deterministic=True, rules=rules).guidance
-    assert (guidance.reflected is not None) == (least == 0.0)
+    assert (guidance.roulette_field is not None) == (least == 0.0)
 
 
 @pytest.mark.parametrize("least", [0.0, 1e9], ids=["wins", "loses"])

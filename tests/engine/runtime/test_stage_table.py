@@ -23,7 +23,7 @@ from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.media_scenes import grid_of
 
 _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
-_OF_CACHE = {"end_in_cache", "follow_footprints", "collect_taught"}
+_OF_CACHE = {"end_in_cache", "follow_footprints", "collect_cache_records"}
 _OF_CATCHERS = {"meet_catchers", "show_background"}
 _OF_MEDIA = {
     "start_media", "find_gaps", "sample_medium", "cross_boundaries", "prepare_collisions", "scatter_collisions",

@@ -24,7 +24,7 @@ from engine.guiding.fields.cells.field import (
 )
 from engine.guiding.fields.cells.query import first_level, is_small
 from engine.guiding.fields.hash_grid import extent_of
-from engine.guiding.records.taught import TaughtRecords
+from engine.guiding.records.cache_records import CacheRecords
 from engine.kernels.prefetch import prefetch
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -81,7 +81,7 @@ class CellModel:
         self.field: CellField | None = None
         self.lost_count = 0
 
-    def learn(self, records: TaughtRecords) -> None:
+    def learn(self, records: CacheRecords) -> None:
         """Add the records of an iteration; no thread may look cells up meanwhile."""
         row_count = len(records.program)
         if not row_count:

@@ -7,7 +7,7 @@ from typing import Protocol, cast
 
 from engine.guiding.neural.models.network_source import NetworkDesign
 from engine.guiding.sources import implementation
-from engine.guiding.sources.face import Implementation
+from engine.guiding.sources.guide_kernels import Implementation
 from engine.methods import SOURCES
 from engine.settings import RenderSettings
 

@@ -16,8 +16,8 @@ from engine.guiding.neural.networks.flow.field import (
 from engine.guiding.neural.networks.flow.query import eval_flow, predict_flow, prepare_flow, sample_flow
 from engine.guiding.neural.networks.flow.shape import FlowSettings, FlowShape
 from engine.guiding.neural.networks.radiance import Snapshot
-from engine.guiding.neural.sources.network import NETWORK_FACE, NetworkGuide, allocate_network_guide, with_network
-from engine.guiding.sources.face import GuideFace, ask_for_nothing, is_same_at_all, query_nothing
+from engine.guiding.neural.sources.network import NETWORK_KERNELS, NetworkGuide, allocate_network_guide, with_network
+from engine.guiding.sources.guide_kernels import GuideKernels, ask_for_nothing, is_same_at_all, query_nothing
 from engine.kernels.bsdf import mean_roughness
 from engine.kernels.bsdf.phase import phase_roughness
 from engine.kernels.path import real_3
@@ -73,9 +73,9 @@ def _ready_flow_collision(guide, lane, field, region, points, closures, bits):
     return True
 
 
-FACES = {
-    NetworkGuide: NETWORK_FACE,
-    FlowGuide: GuideFace(
+KERNELS = {
+    NetworkGuide: NETWORK_KERNELS,
+    FlowGuide: GuideKernels(
         with_network, _ready_flow, _ready_flow_collision, sample_flow, eval_flow, predict_flow, is_same_at_all,
         query_nothing, ask_for_nothing,
     ),

@@ -36,8 +36,8 @@ from engine.guiding.neural.networks.mixture.shape import (
     selection_blend,
 )
 from engine.guiding.neural.networks.radiance import COARSE_U_ENCODINGS, Snapshot
-from engine.guiding.neural.sources.network import NETWORK_FACE, NetworkGuide, allocate_network_guide, with_network
-from engine.guiding.sources.face import GuideFace
+from engine.guiding.neural.sources.network import NETWORK_KERNELS, NetworkGuide, allocate_network_guide, with_network
+from engine.guiding.sources.guide_kernels import GuideKernels
 from engine.kernels.bsdf import mean_roughness
 from engine.kernels.bsdf.phase import phase_roughness
 from engine.runtime.jit import kernel
@@ -168,9 +168,9 @@ def _ready_mixture_collision(guide, lane, field, region, points, closures, bits)
     return True
 
 
-FACES = {
-    NetworkGuide: NETWORK_FACE,
-    MixtureGuide: GuideFace(
+KERNELS = {
+    NetworkGuide: NETWORK_KERNELS,
+    MixtureGuide: GuideKernels(
         with_network, _ready_mixture, _ready_mixture_collision, sample_mixture, eval_mixture, predict_mixture,
         eval_mixture_wavelengths, query_mixtures, ask_for_mixture,
     ),

@@ -14,8 +14,8 @@ import numpy as np
 from engine.array_types import Uint8Array
 from engine.guiding.fields.vmm.field import GuideLobes, allocate_guide
 from engine.guiding.fields.vmm.query import clear_vmm, eval_vmm, predict_vmm, sample_vmm
-from engine.guiding.sources import face_of
-from engine.guiding.sources.face import GuideFace, is_same_at_all, query_nothing
+from engine.guiding.sources import kernels_of
+from engine.guiding.sources.guide_kernels import GuideKernels, is_same_at_all, query_nothing
 from engine.guiding.sources.vmm import ask_for_lobes, ready_vmm, ready_vmm_collision
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import by_bundle, kernel
@@ -60,14 +60,14 @@ def _with_field(guide: NetworkGuide, field: Any) -> NetworkGuide:
     return guide._replace(lanes=lanes, has_network=has_network)
 
 
-_ready_lanes = by_bundle(lambda lanes: face_of(lanes).ready, like=ready_vmm)
-_ready_lanes_collision = by_bundle(lambda lanes: face_of(lanes).ready_collision, like=ready_vmm_collision)
-_query_lanes = by_bundle(lambda lanes: face_of(lanes).query, like=query_nothing)
-_ask_for_lanes = by_bundle(lambda lanes: face_of(lanes).ask, like=ask_for_lobes)
-_eval_lanes = by_bundle(lambda lanes: face_of(lanes).eval, like=eval_vmm)
-_eval_lane_wavelengths = by_bundle(lambda lanes: face_of(lanes).eval_wavelengths, like=is_same_at_all)
-_sample_lanes = by_bundle(lambda lanes: face_of(lanes).sample, like=sample_vmm)
-_predict_lanes = by_bundle(lambda lanes: face_of(lanes).predict, like=predict_vmm)
+_ready_lanes = by_bundle(lambda lanes: kernels_of(lanes).ready, like=ready_vmm)
+_ready_lanes_collision = by_bundle(lambda lanes: kernels_of(lanes).ready_collision, like=ready_vmm_collision)
+_query_lanes = by_bundle(lambda lanes: kernels_of(lanes).query, like=query_nothing)
+_ask_for_lanes = by_bundle(lambda lanes: kernels_of(lanes).ask, like=ask_for_lobes)
+_eval_lanes = by_bundle(lambda lanes: kernels_of(lanes).eval, like=eval_vmm)
+_eval_lane_wavelengths = by_bundle(lambda lanes: kernels_of(lanes).eval_wavelengths, like=is_same_at_all)
+_sample_lanes = by_bundle(lambda lanes: kernels_of(lanes).sample, like=sample_vmm)
+_predict_lanes = by_bundle(lambda lanes: kernels_of(lanes).predict, like=predict_vmm)
 
 
 @kernel
@@ -148,7 +148,7 @@ def _predict_network(guide, lane, wi, guide_pdf):
     return _predict_lanes(guide.lanes, lane, wi, guide_pdf)
 
 
-NETWORK_FACE = GuideFace(
+NETWORK_KERNELS = GuideKernels(
     _with_field, _ready_network, _ready_network_collision, _sample_network, _eval_network, _predict_network,
     _eval_network_wavelengths, _query_network, _ask_for_network,
 )

@@ -6,13 +6,13 @@ from __future__ import annotations
 import time
 
 from engine.guiding.fields.cells.model import CellModel
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import ImageState, Way
-from engine.guiding.records.taught import allocate_taught_records, join_taught
+from engine.guiding.records.cache_records import allocate_cache_records, join_cache_records
 
 _REHEARSED_RECORDS = 16
 
@@ -22,13 +22,13 @@ class LearnedCache(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
         The cache's.
     """
 
-    def __init__(self, facts: RenderFacts, standing: Standing) -> None:
-        self._report, self._standing = facts.report, standing
+    def __init__(self, context: RenderContext, standing: Standing) -> None:
+        self._report, self._standing = context.report, standing
         self._cells = CellModel()
 
     @property
@@ -37,7 +37,7 @@ class LearnedCache(Learnable):
 
     def learn(self, iteration: Iteration) -> None:
         started = time.perf_counter()
-        self._cells.learn(join_taught([unit.taught for unit in iteration.traced.units]))
+        self._cells.learn(join_cache_records([unit.cache_records for unit in iteration.traced.units]))
         self._report.field_seconds += time.perf_counter() - started
 
     def complete(self, guidance: Guidance, way: Way, image: ImageState) -> Guidance:
@@ -48,4 +48,4 @@ class LearnedCache(Learnable):
         return guidance.with_cells(self._cells.field, measured)
 
     def rehearse(self, rehearsal: Rehearsal) -> None:
-        CellModel().learn(allocate_taught_records(_REHEARSED_RECORDS))
+        CellModel().learn(allocate_cache_records(_REHEARSED_RECORDS))

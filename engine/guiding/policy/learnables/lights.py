@@ -13,10 +13,10 @@ from engine.guiding.fields.update import make_runner
 from engine.guiding.fields.vmm.leaves import find_leaves
 from engine.guiding.fields.vmm.regions import RegionTree
 from engine.guiding.models.light_selection import LightSelectionModel
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import ImageState, Way
@@ -29,26 +29,26 @@ class LightsOfRegions(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
         With clusters of lights.
     standing : Standing
     regions : LearnedRegions
     """
 
-    def __init__(self, facts: RenderFacts, standing: Standing, regions: LearnedRegions) -> None:
-        self._facts, self._standing, self._regions = facts, standing, regions
+    def __init__(self, context: RenderContext, standing: Standing, regions: LearnedRegions) -> None:
+        self._context, self._standing, self._regions = context, standing, regions
         #: None: nothing is learned about them any more.
         self._selection: LightSelection | None = no_selection()
 
     @property
     def is_over(self) -> bool:
         # A radiance cache learns alone.
-        return self._standing.is_over and self._facts.settings.radiance_cache != "OFF"
+        return self._standing.is_over and self._context.settings.radiance_cache != "OFF"
 
     @property
     def pays(self) -> bool:
         """Whether any region chooses by what it has learned."""
-        return self._selection is not None and self._facts.report.lights_share > 0.0
+        return self._selection is not None and self._context.report.lights_share > 0.0
 
     def learn(self, iteration: Iteration) -> None:
         models = self._regions.models
@@ -59,7 +59,7 @@ class LightsOfRegions(Learnable):
                 return
             models.learn_lights(iteration.records, iteration.row_count)
         self._selection = models.choose_lights()
-        self._facts.report.lights_share = models.lights_share
+        self._context.report.lights_share = models.lights_share
 
     def complete(self, guidance: Guidance, way: Way, image: ImageState) -> Guidance:
         return replace(guidance, lights=self._selection)
@@ -70,14 +70,14 @@ class LightsAlone(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
         With clusters of lights.
     """
 
-    def __init__(self, facts: RenderFacts) -> None:
-        assert facts.light_clusters is not None
-        self._report, self._is_possible = facts.report, facts.light_clusters
-        self._lights = LightsByRegion(facts.light_clusters)
+    def __init__(self, context: RenderContext) -> None:
+        assert context.light_clusters is not None
+        self._report, self._is_possible = context.report, context.light_clusters
+        self._lights = LightsByRegion(context.light_clusters)
 
     @property
     def pays(self) -> bool:

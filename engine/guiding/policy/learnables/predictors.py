@@ -8,10 +8,10 @@ from dataclasses import replace
 
 from engine.guiding.fields.state import State, part, prefixed
 from engine.guiding.models.predictors import PREDICTORS, Predictor
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.learnables.regions import LearnedRegions, rehearsed_regions
 from engine.guiding.policy.off_policy import hold_out, predict
 from engine.guiding.policy.standing import Standing
@@ -24,7 +24,7 @@ class LearnedPredictors(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
     regions : LearnedRegions
     rungs : sequence of str
@@ -37,11 +37,11 @@ class LearnedPredictors(Learnable):
     """
 
     def __init__(
-        self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, rungs: Sequence[str]
+        self, context: RenderContext, standing: Standing, regions: LearnedRegions, rungs: Sequence[str]
     ) -> None:
-        self._facts, self._standing, self._regions, self._rungs = facts, standing, regions, tuple(rungs)
+        self._context, self._standing, self._regions, self._rungs = context, standing, regions, tuple(rungs)
         self.by_name: Mapping[str, Predictor] = {
-            name: PREDICTORS[name](facts.settings, facts.report, facts.notices)
+            name: PREDICTORS[name](context.settings, context.report, context.notices)
             for name in dict.fromkeys(METHODS[rung].predictor for rung in rungs)
         }
 
@@ -71,7 +71,7 @@ class LearnedPredictors(Learnable):
         models = self._regions.models
         assert models is not None
         for predictor in self.by_name.values():
-            predictor.learn_regions(models.mixture, self._facts.executor, self._facts.thread_count)
+            predictor.learn_regions(models.mixture, self._context.executor, self._context.thread_count)
 
     def learn(self, iteration: Iteration) -> None:
         if self._regions.models is None:
@@ -92,7 +92,7 @@ class LearnedPredictors(Learnable):
 
     def _fixed_count(self, rung: str) -> int:
         """Candidates of every vertex, 0 if they are allocated."""
-        settings, method = self._facts.settings, METHODS[rung]
+        settings, method = self._context.settings, METHODS[rung]
         if len(self._rungs) > 1:
             return 0
         if not method.resamples:

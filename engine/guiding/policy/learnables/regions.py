@@ -8,11 +8,11 @@ import time
 from engine.array_types import Float32Array
 from engine.guiding.fields.state import State
 from engine.guiding.models.regions import RegionModels, without_surfaces
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.costs import MethodCosts
-from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import MEDIA, SURFACES, ImageState, Way
 from engine.guiding.records.vertices import VertexRecords, compensate
@@ -25,14 +25,14 @@ class LearnedRegions(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
     costs : MethodCosts
         They say what candidates cost, which are allotted by that.
     """
 
-    def __init__(self, facts: RenderFacts, standing: Standing, costs: MethodCosts) -> None:
-        self._facts, self._standing, self._costs = facts, standing, costs
+    def __init__(self, context: RenderContext, standing: Standing, costs: MethodCosts) -> None:
+        self._context, self._standing, self._costs = context, standing, costs
         #: None while nothing is known.
         self.models: RegionModels | None = None
         #: Mean of what resampling saves by region; None: to be asked for.
@@ -62,13 +62,13 @@ class LearnedRegions(Learnable):
         StateError
             If the arrays are no state of such models.
         """
-        self._take(RegionModels.of_state(start.state, self._facts.settings.guiding_probability, start.field))
+        self._take(RegionModels.of_state(start.state, self._context.settings.guiding_probability, start.field))
         self._is_resumed = True
 
     def _take(self, models: RegionModels) -> None:
         self.models = models
-        if self._facts.light_clusters is not None:
-            models.begin_light_selection(self._facts.light_clusters)
+        if self._context.light_clusters is not None:
+            models.begin_light_selection(self._context.light_clusters)
 
     def learn(self, iteration: Iteration) -> None:
         if iteration.row_count:
@@ -85,10 +85,10 @@ class LearnedRegions(Learnable):
         was_guided : bool
             Whether the paths were guided.
         """
-        facts, started = self._facts, time.perf_counter()
-        probability = facts.settings.guiding_probability
+        context, started = self._context, time.perf_counter()
+        probability = context.settings.guiding_probability
         # Records of the field alone; distances are cut in place, for all who learn after it.
-        batch = compensate(records, row_count, probability) if facts.settings.mis_compensation else records
+        batch = compensate(records, row_count, probability) if context.settings.mis_compensation else records
         if self.models is None:
             self._take(RegionModels.of_records(batch, row_count, probability))
         elif self._is_resumed:
@@ -96,12 +96,12 @@ class LearnedRegions(Learnable):
         self._is_resumed = False
         models = self.models
         assert models is not None
-        models.fit(batch, row_count, facts.executor, facts.thread_count)
-        report, field = facts.report, models.field
+        models.fit(batch, row_count, context.executor, context.thread_count)
+        report, field = context.report, models.field
         report.region_count = len(field.is_ready)
         report.unsound_count = int(models.mixture.report()["regions_unsound"])
         report.lobe_count = float(field.lobe_count.mean())
-        report.field_seconds += (time.perf_counter() - started) * facts.thread_count
+        report.field_seconds += (time.perf_counter() - started) * context.thread_count
         models.add_deltas(records, row_count)
         models.learn_shares(
             records, row_count, variance=image.variance, ray_count=image.ray_count, was_guided=was_guided
@@ -109,11 +109,11 @@ class LearnedRegions(Learnable):
         self._deltas = None
 
     def complete(self, guidance: Guidance, way: Way, image: ImageState) -> Guidance:
-        models, settings = self.models, self._facts.settings
+        models, settings = self.models, self._context.settings
         if models is None or not way.is_guided:
             return guidance
         probability = models.probability(is_learned=settings.learn_guiding_probability)
-        report, ready = self._facts.report, models.field.is_ready != 0
+        report, ready = self._context.report, models.field.is_ready != 0
         of_surfaces, of_media = probability[: len(ready)], probability[len(ready) :]
         report.guided_share = float((of_surfaces[ready] > 0.0).sum() / max(ready.sum(), 1))
         if len(of_media):
@@ -135,8 +135,8 @@ class LearnedRegions(Learnable):
 
     def rehearse(self, rehearsal: Rehearsal) -> None:
         models = rehearsed_regions(rehearsal)
-        if self._facts.light_clusters is not None:
-            models.begin_light_selection(self._facts.light_clusters)
+        if self._context.light_clusters is not None:
+            models.begin_light_selection(self._context.light_clusters)
         models.learn_shares(
             rehearsal.records, rehearsal.row_count, variance=1.0, ray_count=1.0, was_guided=True
         )

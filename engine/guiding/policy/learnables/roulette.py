@@ -8,13 +8,13 @@ import time
 
 import numpy as np
 
-from engine.guiding.fields.reflected.field import NUMBER_LEAST, NUMBER_SCALE, ReflectedField
-from engine.guiding.fields.reflected.model import ReflectedModel
+from engine.guiding.fields.roulette.field import NUMBER_LEAST, NUMBER_SCALE, RouletteField
+from engine.guiding.fields.roulette.model import RouletteFieldModel
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.costs import IterationCosts
-from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.way import ImageState, Way
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
@@ -29,15 +29,15 @@ class LearnedRoulette(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     until : float
         Samples a pixel from which on nothing more is learned.
     """
 
-    def __init__(self, facts: RenderFacts, until: float = math.inf) -> None:
-        self._report = facts.report
+    def __init__(self, context: RenderContext, until: float = math.inf) -> None:
+        self._report = context.report
         self._until = until
-        self._model = RouletteModel(facts.rules)
+        self._model = RouletteModel(context.rules)
 
     @property
     def is_ready(self) -> bool:
@@ -59,7 +59,7 @@ class LearnedRoulette(Learnable):
         return guidance.with_roulette(field, image.weights)
 
     def rehearse(self, rehearsal: Rehearsal) -> None:
-        ReflectedModel().learn(allocate_vertex_records(_REHEARSED_RECORDS), _REHEARSED_RECORDS)
+        RouletteFieldModel().learn(allocate_vertex_records(_REHEARSED_RECORDS), _REHEARSED_RECORDS)
 
 
 class RouletteModel:
@@ -72,12 +72,12 @@ class RouletteModel:
 
     def __init__(self, rules: Rules = RULES) -> None:
         self._rules = rules
-        self._cells = ReflectedModel()
+        self._cells = RouletteFieldModel()
         #: One sample a pixel has no variance: beside that no path would be worth its cost, or any.
         self._knows_variance = False
 
     @property
-    def field(self) -> ReflectedField | None:
+    def field(self) -> RouletteField | None:
         """What is known of surfaces."""
         return self._cells.field
 

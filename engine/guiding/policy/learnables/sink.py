@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable
+from engine.guiding.policy.learnables.learnable import Learnable
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.standing import Standing
 

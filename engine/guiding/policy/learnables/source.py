@@ -7,10 +7,10 @@ import time
 from dataclasses import replace
 
 from engine.guiding.models.source_model import SourceModel
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable, Rehearsal
+from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import ImageState, Way
@@ -21,16 +21,16 @@ class LearnedSource(Learnable):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
     regions : LearnedRegions
     model : SourceModel
     """
 
     def __init__(
-        self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, model: SourceModel
+        self, context: RenderContext, standing: Standing, regions: LearnedRegions, model: SourceModel
     ) -> None:
-        self._facts, self._standing, self._regions, self._model = facts, standing, regions, model
+        self._context, self._standing, self._regions, self._model = context, standing, regions, model
         self._is_given_up = False
         self._takes_over = False
 
@@ -56,21 +56,21 @@ class LearnedSource(Learnable):
     def learn(self, iteration: Iteration) -> None:
         if self._regions.models is None:
             return
-        facts, model, started = self._facts, self._model, time.perf_counter()
+        context, model, started = self._context, self._model, time.perf_counter()
         had_field = model.field is not None
         model.learn(
             iteration.records, iteration.row_count, iteration.samples, iteration.traced.recorded_share,
-            facts.executor, facts.thread_count,
+            context.executor, context.thread_count,
         )
         if not model.is_asynchronous:
-            facts.report.field_seconds += (time.perf_counter() - started) * facts.thread_count
+            context.report.field_seconds += (time.perf_counter() - started) * context.thread_count
         self._takes_over = model.has_stand_in and model.field is not None and not had_field
         self._describe()
-        facts.notices.extend(model.notices)
+        context.notices.extend(model.notices)
         model.notices.clear()
 
     def _describe(self) -> None:
-        self._facts.report.source, self._facts.report.source_seconds = self._model.describe(), self._model.seconds
+        self._context.report.source, self._context.report.source_seconds = self._model.describe(), self._model.seconds
 
     def complete(self, guidance: Guidance, way: Way, image: ImageState) -> Guidance:
         if not way.is_guided or self._is_given_up:
@@ -78,13 +78,13 @@ class LearnedSource(Learnable):
         return replace(guidance, source=self._model.field)
 
     def rehearse(self, rehearsal: Rehearsal) -> None:
-        self._model.rehearse(rehearsal.records, rehearsal.row_count, self._facts.executor)
+        self._model.rehearse(rehearsal.records, rehearsal.row_count, self._context.executor)
 
     def give_up(self, next_sample: int) -> None:
         """Leave guiding to the stand-in from a sample on."""
         self.stop()
         self._is_given_up = True
-        self._facts.report.source_stopped_at = next_sample
+        self._context.report.source_stopped_at = next_sample
 
     def stop(self) -> None:
         if not self._is_given_up:

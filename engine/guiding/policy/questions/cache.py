@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from engine.guiding.models.residual import residual_error
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import Way
 from engine.ris.orca import image_variance, pixel_weights, sample_variance
@@ -42,17 +42,17 @@ class CacheQuestion(Question):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
         Those of a render with a radiance cache.
     standing : Standing
         The cache's: this says when it is given up.
     """
 
-    def __init__(self, facts: RenderFacts, standing: Standing) -> None:
-        self._report, self._standing, self._rules = facts.report, standing, facts.rules
+    def __init__(self, context: RenderContext, standing: Standing) -> None:
+        self._report, self._standing, self._rules = context.report, standing, context.rules
         #: Of the paths, to measure what the cache lacks; and the sample from which on it is judged again.
-        is_judged = facts.settings.radiance_cache == "CONVERGING"
-        self._share = facts.rules.cache_measured_share if is_judged else 0.0
+        is_judged = context.settings.radiance_cache == "CONVERGING"
+        self._share = context.rules.cache_measured_share if is_judged else 0.0
         self._judge_from = 0.0
         self._was_bad = False
 

@@ -11,16 +11,16 @@ from dataclasses import replace
 
 from engine.guiding.policy import trial
 from engine.guiding.policy.cautious import CautiousTrial
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.learnables.source import LearnedSource
 from engine.guiding.policy.plain_trial import PlainTrial
-from engine.guiding.policy.questions.face import Question
 from engine.guiding.policy.questions.media import MediaQuestion
 from engine.guiding.policy.questions.method import MethodQuestion
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.standing import Standing
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import MEDIA, SURFACES, Way
 from engine.guiding.saved.learned import LOST
 from engine.state.film import FilmTile
@@ -32,7 +32,7 @@ class GuidingQuestion(Question):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
         Guiding's: this says when it is given up.
     regions : LearnedRegions
@@ -53,18 +53,18 @@ class GuidingQuestion(Question):
     """
 
     def __init__(
-        self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, source: LearnedSource | None,
+        self, context: RenderContext, standing: Standing, regions: LearnedRegions, source: LearnedSource | None,
         method: MethodQuestion, media: MediaQuestion, cautious: CautiousTrial | None, *, uses_clock: bool,
         trial_share: float,
     ) -> None:
-        self._facts, self._standing, self._regions, self._source = facts, standing, regions, source
+        self._context, self._standing, self._regions, self._source = context, standing, regions, source
         self._method, self._media, self._cautious = method, media, cautious
         self._uses_clock, self._trial_share = uses_clock, trial_share
         self._is_guiding = regions.models is not None and not (source is not None and source.is_missed)
         self.trial = PlainTrial(
-            facts.pixel_count, tries_plain=facts.settings.guiding_trial, rules=facts.rules
+            context.pixel_count, tries_plain=context.settings.guiding_trial, rules=context.rules
         )
-        self.other_parts: Sequence[Part] = ()
+        self.other_arms: Sequence[ArmSamples] = ()
 
     @property
     def is_over(self) -> bool:
@@ -81,18 +81,18 @@ class GuidingQuestion(Question):
 
     @property
     def pixel_share(self) -> float:
-        return self._trial_share if self.other_parts else 1.0
+        return self._trial_share if self.other_arms else 1.0
 
     @property
     def is_doubtful(self) -> bool:
         """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
         has_source = self._source is not None and not self._source.is_over
-        is_tried = self._facts.settings.guiding_trial and not has_source
+        is_tried = self._context.settings.guiding_trial and not has_source
         is_promising = self._cautious is not None and self._cautious.is_promising
         return is_tried and not (self.trial.is_paying or is_promising)
 
     def narrow(self, pixel_count: int, expected_samples: float) -> None:
-        if pixel_count < self._facts.pixel_count:
+        if pixel_count < self._context.pixel_count:
             # Units are divided by which pixels go on.
             self._trial_share = 1.0
 
@@ -106,19 +106,19 @@ class GuidingQuestion(Question):
         overhead = 0.0
         if self._uses_clock:
             # What learning costs is compared with what guiding all pixels would.
-            learning = iteration.learning_seconds * self._facts.thread_count
+            learning = iteration.learning_seconds * self._context.thread_count
             overhead = learning / max(iteration.seconds, 1e-9)
         next_sample, weights = iteration.next_sample, iteration.image.weights
         assert weights is not None
         says = self.trial.judge(
-            weights, next_sample, overhead, iteration.samples_left, is_part=bool(self.other_parts),
+            weights, next_sample, overhead, iteration.samples_left, is_part=bool(self.other_arms),
             is_cautious=self._cautious is not None,
         )
-        report, efficiency = self._facts.report, self.trial.efficiency
+        report, efficiency = self._context.report, self.trial.efficiency
         if says:
             report.trials.append(f"{self._method.trial.rung} over OFF {efficiency:.2f} at sample {next_sample}")
         report.efficiency = efficiency
-        self.other_parts = ()
+        self.other_arms = ()
         if not self.trial.has_lost:
             return
         if self._source is not None and self._source.has_stand_in:
@@ -130,13 +130,13 @@ class GuidingQuestion(Question):
 
     def _lose(self, iteration: Iteration) -> None:
         """Guide less, where that may pay; else give guiding up."""
-        is_short = trial.is_short(iteration.next_sample, iteration.samples_left, self._facts.rules)
+        is_short = trial.is_short(iteration.next_sample, iteration.samples_left, self._context.rules)
         if not is_short and self._media.fall_back():
             self.trial.restart(trial.LAST_DOUBT)
             return
         self._standing.is_over = True
-        self._facts.report.stopped_at = iteration.next_sample
-        self._facts.report.chosen = "OFF"
+        self._context.report.stopped_at = iteration.next_sample
+        self._context.report.chosen = "OFF"
 
     def _weigh_promises(self, iteration: Iteration) -> None:
         """Give up where a comparison shows guiding to lose and regions promise nothing of what would be guided now."""
@@ -153,7 +153,7 @@ class GuidingQuestion(Question):
         surfaces, media = self._regions.promises
         return {SURFACES: (surfaces,), MEDIA: (media,)}.get(self._media.trial.guided, (surfaces, media))
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         if self._source is not None and self._source.has_taken_over():
             # What was tried so far was the mixture field.
             self.trial.restart(trial.BEFORE_FIRST)
@@ -161,14 +161,14 @@ class GuidingQuestion(Question):
         if self.is_over:
             return ()
         knows_something = self._is_guiding = self._regions.models is not None
-        parts = self.trial.plan(
+        arms = self.trial.plan(
             *iteration.next_range, knows_something=knows_something, is_whole=iteration.traced.is_whole,
             is_last=self._standing.is_narrow or iteration.is_next_last, is_free=is_free,
         )
-        self.other_parts = ()
+        self.other_arms = ()
         if knows_something and self._trial_share < 1.0 and self.is_doubtful and not self.is_settled:
-            self.other_parts = [Part(*iteration.next_range, PLAIN)]
-        return parts
+            self.other_arms = [ArmSamples(*iteration.next_range, PLAIN)]
+        return arms
 
     def rehearse(self, channel_count: int) -> None:
         trial.rehearse(channel_count)

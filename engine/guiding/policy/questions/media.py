@@ -14,14 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.learnables.regions import LearnedRegions
-from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.staged import StagedVerdict, Verdict
 from engine.guiding.policy.standing import Standing
-from engine.guiding.policy.trial import GuidingTrial, Part, halves
+from engine.guiding.policy.trial import ArmSamples, GuidingTrial, halves
 from engine.guiding.policy.way import BOTH, MEDIA, SURFACES, Way
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, Unit
@@ -39,14 +39,14 @@ class MediaTrial:
     ----------
     guided : str, one of BOTH, SURFACES and MEDIA: what the arm CURRENT guides
     challenger : str, what the arm CHALLENGER guides, '' if nothing is compared
-    parts : list of Part, of the iteration while something is
+    arms : list of ArmSamples, of the iteration while something is
     """
 
     def __init__(self, pixel_count: int, rules: Rules = RULES) -> None:
         self._rules = rules
         self.guided = BOTH
         self.challenger = ""
-        self.parts: list[Part] = []
+        self.arms: list[ArmSamples] = []
         self._pixel_count = pixel_count
         self._trial: GuidingTrial | None = None
         self._verdict = StagedVerdict(rules)
@@ -70,7 +70,7 @@ class MediaTrial:
                 return
             self.challenger = self._due[0]
             self._verdict = StagedVerdict(self._rules)
-        self.parts = halves(first, count)
+        self.arms = halves(first, count)
         self._trial = GuidingTrial(self._pixel_count, rules=self._rules)
         self._is_comparing = True
 
@@ -117,7 +117,7 @@ class MediaQuestion(Question):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
     regions : LearnedRegions
 
@@ -126,9 +126,9 @@ class MediaQuestion(Question):
     trial : MediaTrial
     """
 
-    def __init__(self, facts: RenderFacts, standing: Standing, regions: LearnedRegions) -> None:
-        self._facts, self._standing, self._regions = facts, standing, regions
-        self.trial = MediaTrial(facts.pixel_count, facts.rules)
+    def __init__(self, context: RenderContext, standing: Standing, regions: LearnedRegions) -> None:
+        self._context, self._standing, self._regions = context, standing, regions
+        self.trial = MediaTrial(context.pixel_count, context.rules)
 
     @property
     def is_over(self) -> bool:
@@ -141,16 +141,16 @@ class MediaQuestion(Question):
     def conclude(self, iteration: Iteration) -> None:
         if self.trial.is_running and iteration.image.weights is not None:
             said = self.trial.judge(iteration.image.weights, iteration.next_sample)
-            self._facts.report.trials += [said] if said else []
+            self._context.report.trials += [said] if said else []
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         knows_media = self._regions.knows_media
-        is_free &= self._facts.settings.guiding_trial and knows_media
+        is_free &= self._context.settings.guiding_trial and knows_media
         is_free &= not (self._standing.is_narrow or iteration.is_next_last)
         self.trial.plan(*iteration.next_range, is_free=is_free)
         if knows_media:
-            self._facts.report.guides = self.trial.guided
-        return self.trial.parts if self.trial.is_running else ()
+            self._context.report.guides = self.trial.guided
+        return self.trial.arms if self.trial.is_running else ()
 
     def way(self, way: Way) -> Way:
         return replace(way, guides=self.trial.guided)

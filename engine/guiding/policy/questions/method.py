@@ -15,18 +15,18 @@ import numpy as np
 
 from engine.guiding.models.predictors import Predictor
 from engine.guiding.models.regions import RegionModels
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.costs import MethodCosts
-from engine.guiding.policy.facts import RenderFacts
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.learnables.predictors import LearnedPredictors
 from engine.guiding.policy.learnables.regions import LearnedRegions
-from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.resampling_gain import ResamplingGain
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.staged import StagedVerdict, Verdict
 from engine.guiding.policy.standing import Standing
-from engine.guiding.policy.trial import GuidingTrial, Part, halves
+from engine.guiding.policy.trial import ArmSamples, GuidingTrial, halves
 from engine.guiding.policy.way import Way
 from engine.methods import METHODS
 from engine.settings import RenderSettings
@@ -106,7 +106,7 @@ class MethodTrial:
         """Go on with what is in use, whatever was being compared."""
         self.challenger, self._trial = "", None
 
-    def plan(self, first: int, count: int, offers: Sequence[str]) -> list[Part]:
+    def plan(self, first: int, count: int, offers: Sequence[str]) -> list[ArmSamples]:
         """Parts of the next iteration, if it is to compare; else none.
 
         Parameters
@@ -230,7 +230,7 @@ class MethodQuestion(Question):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
     regions : LearnedRegions
     predictors : LearnedPredictors
@@ -245,13 +245,13 @@ class MethodQuestion(Question):
     """
 
     def __init__(
-        self, facts: RenderFacts, standing: Standing, regions: LearnedRegions, predictors: LearnedPredictors,
+        self, context: RenderContext, standing: Standing, regions: LearnedRegions, predictors: LearnedPredictors,
         costs: MethodCosts, ladder: Ladder, gate: Gate | None,
     ) -> None:
-        self._facts, self._standing, self._regions, self._predictors = facts, standing, regions, predictors
+        self._context, self._standing, self._regions, self._predictors = context, standing, regions, predictors
         self._costs, self._ladder, self._gate = costs, ladder, gate
-        self._gain = ResamplingGain(facts.rules)
-        self.trial = MethodTrial(facts.pixel_count, ladder.coarsest, facts.rules)
+        self._gain = ResamplingGain(context.rules)
+        self.trial = MethodTrial(context.pixel_count, ladder.coarsest, context.rules)
 
     @property
     def is_over(self) -> bool:
@@ -269,20 +269,20 @@ class MethodQuestion(Question):
         if choice.challenger and weights is not None:
             overhead = 0.0
             if self._costs.uses_clock:
-                overhead = self._predictors.of(choice.challenger).training_share(self._facts.thread_count)
+                overhead = self._predictors.of(choice.challenger).training_share(self._context.thread_count)
             said = choice.judge(weights, iteration.next_sample, overhead)
             if said:
-                self._facts.report.trials.append(said)
-                self._facts.report.chosen = choice.rung
+                self._context.report.trials.append(said)
+                self._context.report.chosen = choice.rung
         if costs.guided_vertices and self._ladder.is_probing(choice):
             self._gain.count(costs, iteration.traced.recorded_share)
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         choice, models = self.trial, self._regions.models
         offers: list[str] = []
         if models is not None:
             # Costs of an iteration that compares are those of two methods.
-            if len(iteration.parts) == 1:
+            if len(iteration.arms) == 1:
                 self._costs.measure(choice.rung, iteration.costs)
             offers = self._ladder.offers(choice, iteration.next_sample, self._gain.is_worth_it, models, self._gate)
         if self._standing.is_narrow or iteration.is_next_last:

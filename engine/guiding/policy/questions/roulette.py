@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.guiding.policy.facts import RenderFacts
+from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.learnables.roulette import LearnedRoulette
-from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.policy.standing import Standing
-from engine.guiding.policy.trial import GuidingTrial, Part, halves
+from engine.guiding.policy.trial import ArmSamples, GuidingTrial, halves
 from engine.guiding.policy.way import Way
 from engine.state.film import FilmTile
 from engine.state.unit import CHALLENGER, Unit
@@ -30,7 +30,7 @@ def _add_unit(
     moments.add_unit(unit, film, cost, is_challenger)
 
 
-class RouletteElsewhere:
+class RouletteOutsideTrial:
     """Samples of pixels that were not guided while guiding was tried on others: by the throughput before anything was
     known of surfaces, then by what was learned.
 
@@ -81,13 +81,13 @@ class RouletteTrial:
         First sample and samples a pixel of the iteration.
     uses_clock : bool
         Whether units cost seconds; else rays.
-    elsewhere : RouletteElsewhere, optional
+    outside_trial : RouletteOutsideTrial, optional
         What pixels have had that were not guided.
     rules : Rules
 
     Attributes
     ----------
-    parts : list of Part, of the iteration
+    arms : list of ArmSamples, of the iteration
     is_running : bool, it is being compared
     is_known : bool, there is something to judge, though no iteration has compared
     is_won : bool, roulette goes by what was learned
@@ -95,20 +95,20 @@ class RouletteTrial:
 
     def __init__(
         self, pixel_count: int, samples: tuple[int, int], *, uses_clock: bool,
-        elsewhere: RouletteElsewhere | None = None, rules: Rules = RULES,
+        outside_trial: RouletteOutsideTrial | None = None, rules: Rules = RULES,
     ) -> None:
         self._rules = rules
         first, count = samples
-        self.parts = halves(first, count)
+        self.arms = halves(first, count)
         # Fewer samples tell nothing.
         self.is_running = count // 2 > 1
         self.is_won = True
         #: Whether there is a comparison to judge.
-        self.is_known = elsewhere is not None and elsewhere.is_known
+        self.is_known = outside_trial is not None and outside_trial.is_known
         self._moments = GuidingTrial(pixel_count, rules=rules)
-        if elsewhere is not None and elsewhere.is_known:
+        if outside_trial is not None and outside_trial.is_known:
             self.is_running = False
-            self._moments = elsewhere.moments
+            self._moments = outside_trial.moments
         self._uses_clock = uses_clock
 
     def compare(self, unit: Unit, film: FilmTile, cost: float) -> None:
@@ -132,25 +132,25 @@ class RouletteQuestion(Question):
 
     Parameters
     ----------
-    facts : RenderFacts
+    context : RenderContext
     standing : Standing
         Guiding's.
     roulette : LearnedRoulette
-    keeps_elsewhere : bool
+    keeps_outside_trial : bool
         Whether samples of pixels that a trial leaves unguided are kept to judge by.
     uses_clock : bool
         Whether units cost seconds; else rays.
     """
 
     def __init__(
-        self, facts: RenderFacts, standing: Standing, roulette: LearnedRoulette, *, keeps_elsewhere: bool,
+        self, context: RenderContext, standing: Standing, roulette: LearnedRoulette, *, keeps_outside_trial: bool,
         uses_clock: bool,
     ) -> None:
-        self._facts, self._standing, self._roulette, self._uses_clock = facts, standing, roulette, uses_clock
+        self._context, self._standing, self._roulette, self._uses_clock = context, standing, roulette, uses_clock
         self._trial: RouletteTrial | None = None
-        self._elsewhere: RouletteElsewhere | None = None
-        if keeps_elsewhere and facts.pixel_count <= facts.rules.roulette_most_pixels:
-            self._elsewhere = RouletteElsewhere(facts.pixel_count, uses_clock=uses_clock, rules=facts.rules)
+        self._outside_trial: RouletteOutsideTrial | None = None
+        if keeps_outside_trial and context.pixel_count <= context.rules.roulette_most_pixels:
+            self._outside_trial = RouletteOutsideTrial(context.pixel_count, uses_clock=uses_clock, rules=context.rules)
 
     @property
     def is_comparing(self) -> bool:
@@ -159,8 +159,8 @@ class RouletteQuestion(Question):
     def observe(self, unit: Unit, film: FilmTile, cost: float, *, is_aside: bool) -> None:
         if self._trial is not None and self._trial.is_running:
             self._trial.compare(unit, film, cost)
-        elif is_aside and self._elsewhere is not None and not self._standing.is_over:
-            self._elsewhere.add(unit, film, cost, is_learned=self._roulette.is_ready)
+        elif is_aside and self._outside_trial is not None and not self._standing.is_over:
+            self._outside_trial.add(unit, film, cost, is_learned=self._roulette.is_ready)
 
     def conclude(self, iteration: Iteration) -> None:
         if self._trial is not None and self._trial.is_running:
@@ -168,18 +168,18 @@ class RouletteQuestion(Question):
 
     def _judge(self, trial: RouletteTrial, iteration: Iteration) -> None:
         if iteration.image.weights is not None:
-            self._facts.report.trials.append(trial.judge(iteration.image.weights, iteration.next_sample))
+            self._context.report.trials.append(trial.judge(iteration.image.weights, iteration.next_sample))
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         if not self._standing.is_over or self._trial is not None:
             return ()
         trial = self._trial = RouletteTrial(
-            self._facts.pixel_count, iteration.next_range, uses_clock=self._uses_clock, elsewhere=self._elsewhere,
-            rules=self._facts.rules,
+            self._context.pixel_count, iteration.next_range, uses_clock=self._uses_clock,
+            outside_trial=self._outside_trial, rules=self._context.rules,
         )
         if trial.is_known:
             self._judge(trial, iteration)
-        return trial.parts if trial.is_running else ()
+        return trial.arms if trial.is_running else ()
 
     def way(self, way: Way) -> Way:
         is_won = self._trial is None or (self._trial.is_won and not self._trial.is_running)

@@ -15,7 +15,7 @@ from engine.guiding.fields.cells.field import (
     no_cells,
 )
 from engine.guiding.fields.cells.model import CellModel
-from engine.guiding.records.taught import allocate_taught_records
+from engine.guiding.records.cache_records import allocate_cache_records
 from engine.runtime.jit import kernel
 
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
@@ -46,7 +46,7 @@ ASKS = tuple(8.0 * 1.1 * 2.0**level for level in range(LEVEL_COUNT))
 
 
 def records(position, normal, radiance, side, program=0, weight=1.0):
-    rows = allocate_taught_records(len(position))
+    rows = allocate_cache_records(len(position))
     rows.weight[:], rows.side[:] = weight, side
     rows.position[:], rows.normal[:], rows.radiance[:], rows.program[:] = position, normal, radiance, program
     return rows

@@ -13,10 +13,10 @@ import pytest
 from engine.guiding.policy.agenda import Agenda
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iteration import Iteration, Traced
-from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.rules import Rules
 from engine.guiding.policy.staged import StagedVerdict, Verdict
-from engine.guiding.policy.trial import Part, halves
+from engine.guiding.policy.trial import ArmSamples, halves
 from engine.guiding.policy.way import ImageState, Way
 from engine.state.film import allocate_tile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
@@ -36,7 +36,7 @@ class Asking(Question):
     is_settled = property(lambda self: self.settled)  # type: ignore[assignment]
     is_comparing = property(lambda self: self.comparing)  # type: ignore[assignment]
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         self.was_free.append(is_free)
         return halves(*iteration.next_range) if self.wants and (is_free or self.insists) else ()
 
@@ -50,13 +50,13 @@ class Asking(Question):
 def iteration(first: int = 16, count: int = 16) -> Iteration:
     sums, costs = allocate_tile(1, 3), IterationCosts(Counter(), 0, 0, 0, 0, 0)
     traced = Traced([], 1.0, sums, (1, 1), costs, (first, count))
-    return Iteration(traced, 1, [Part(0, 16, CURRENT)], False, 1.0, 16.0, ImageState(), False, 100.0, False, 0.0)
+    return Iteration(traced, 1, [ArmSamples(0, 16, CURRENT)], False, 1.0, 16.0, ImageState(), False, 100.0, False, 0.0)
 
 
 def asked(agenda: Agenda) -> str:
     """Whose challenger the next iteration renders, '' if nobody's."""
     agenda.plan(iteration())
-    arms = [part.arm for part in agenda.parts]
+    arms = [arm_samples.arm for arm_samples in agenda.arms]
     assert arms == ([CURRENT] if agenda.challenger is None else [CURRENT, CHALLENGER])
     return "" if agenda.challenger is None else agenda.challenger.rung
 

@@ -10,7 +10,7 @@ from engine.guiding.policy import trial
 from engine.guiding.policy.plain_trial import PlainTrial
 from engine.guiding.policy.questions.method import MethodTrial
 from engine.guiding.policy.rules import Rules
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.state.film import FilmTile, allocate_tile
 from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
@@ -27,7 +27,7 @@ class Choice:
     def __init__(self, pixel_count: int, rung: str, *, tries_plain: bool) -> None:
         self.plain = PlainTrial(pixel_count, tries_plain=tries_plain)
         self.method = MethodTrial(pixel_count, rung)
-        self.parts = [Part(0, 1, CURRENT)]
+        self.arms = [ArmSamples(0, 1, CURRENT)]
         self.trials: list[str] = []
         self.is_narrow = False
 
@@ -48,31 +48,31 @@ class Choice:
 
     def plan(self, first, count, offers, *, is_last=False, **how):
         is_free, is_last = not self.challenger, is_last or self.is_narrow
-        parts = self.plain.plan(first, count, is_free=is_free, is_last=is_last, **how)
+        arms = self.plain.plan(first, count, is_free=is_free, is_last=is_last, **how)
         if is_last:
             self.method.drop()
-        elif not parts and self.plain.is_settled:
-            parts = self.method.plan(first, count, offers)
-        self.parts = parts or [Part(first, count, CURRENT)]
+        elif not arms and self.plain.is_settled:
+            arms = self.method.plan(first, count, offers)
+        self.arms = arms or [ArmSamples(first, count, CURRENT)]
 
 
-def unit_of(part: Part, variance: float) -> tuple[Unit, FilmTile]:
+def unit_of(arm_samples: ArmSamples, variance: float) -> tuple[Unit, FilmTile]:
     """A unit of one pixel whose samples have mean zero and this variance."""
-    unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), part.first_sample, part.sample_count, part.arm)
+    unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), *arm_samples)
     tile = allocate_tile(1, 3)
-    tile.square[:] = variance * part.sample_count
+    tile.square[:] = variance * arm_samples.sample_count
     return unit, tile
 
 
 def render_parts(choice, worth):
     """Render the planned iteration by methods whose variance is one over what `worth` says, at the same cost."""
     methods = {PLAIN: "OFF", CURRENT: choice.rung, CHALLENGER: choice.challenger}
-    for part in choice.parts:
-        choice.compare(*unit_of(part, 1.0 / worth[methods[part.arm]]), part.sample_count)
+    for arm_samples in choice.arms:
+        choice.compare(*unit_of(arm_samples, 1.0 / worth[methods[arm_samples.arm]]), arm_samples.sample_count)
 
 
 def is_comparing(choice):
-    return len(choice.parts) > 1
+    return len(choice.arms) > 1
 
 
 def run(worth, *, iterations=40, offers=("VMM_RIS", "TABLE_RIS", "VMM"), tries_plain=True):
@@ -86,8 +86,8 @@ def run(worth, *, iterations=40, offers=("VMM_RIS", "TABLE_RIS", "VMM"), tries_p
         if choice.has_lost:
             return choice, history, first
         choice.plan(first, SAMPLES, offers)
-        history.append((choice.rung, choice.challenger, [part.arm for part in choice.parts]))
-        assert [s for f, n, _ in choice.parts for s in range(f, f + n)] == list(range(first, first + SAMPLES))
+        history.append((choice.rung, choice.challenger, [arm_samples.arm for arm_samples in choice.arms]))
+        assert [s for f, n, _ in choice.arms for s in range(f, f + n)] == list(range(first, first + SAMPLES))
         first += SAMPLES
     return choice, history, first
 
@@ -103,7 +103,7 @@ def test_what_is_in_use_goes_on_once_few_pixels_are_left():
     for _ in range(40):
         choice.judge(WEIGHTS, first, 0.0)
         choice.plan(first, SAMPLES, ("VMM_RIS", "VMM"))
-        assert choice.parts == [Part(first, SAMPLES, CURRENT)]
+        assert choice.arms == [ArmSamples(first, SAMPLES, CURRENT)]
         assert (choice.rung, choice.challenger, choice.has_lost) == ("VMM", "", False)
         first += SAMPLES
 
@@ -222,7 +222,7 @@ def test_nothing_is_compared_that_nobody_will_go_by():
     assert is_comparing(choice)
     choice.judge(WEIGHTS, first, 0.0)
     choice.plan(first, SAMPLES, ("VMM_RIS", "VMM"), is_last=True)
-    assert choice.parts == [Part(first, SAMPLES, CURRENT)] and not choice.has_lost
+    assert choice.arms == [ArmSamples(first, SAMPLES, CURRENT)] and not choice.has_lost
 
 
 def test_a_challenger_that_is_no_longer_offered_is_dropped():
@@ -231,7 +231,7 @@ def test_a_challenger_that_is_no_longer_offered_is_dropped():
     choice.plan(1, SAMPLES, ("VMM_RIS", "VMM"))
     assert choice.challenger == "VMM_RIS"
     choice.plan(1 + SAMPLES, SAMPLES, ())
-    assert not choice.challenger and len(choice.parts) == 1
+    assert not choice.challenger and len(choice.arms) == 1
 
 
 @pytest.mark.parametrize("is_whole", [True, False])
@@ -241,14 +241,14 @@ def test_within_a_stratum_guiding_is_compared_with_its_own_unguided_samples(is_w
     count = 16
     for _ in range(3):
         choice.plan(first, count, (), knows_something=False)
-        for part in choice.parts:
-            choice.compare(*unit_of(part, 100.0), 1.0)
+        for arm_samples in choice.arms:
+            choice.compare(*unit_of(arm_samples, 100.0), 1.0)
         first += count
         choice.judge(WEIGHTS, first, 0.0)
     choice.plan(first, count, (), is_whole=is_whole)
-    assert [part.arm for part in choice.parts] == [CURRENT, PLAIN]
-    for part in choice.parts:
-        choice.compare(*unit_of(part, 1.0), 1.0 * part.sample_count)
+    assert [arm_samples.arm for arm_samples in choice.arms] == [CURRENT, PLAIN]
+    for arm_samples in choice.arms:
+        choice.compare(*unit_of(arm_samples, 1.0), 1.0 * arm_samples.sample_count)
     choice.judge(WEIGHTS, first + count, 0.0)
     # A variance of four samples is four thirds of their mean square, that of twelve twelve elevenths.
     expected = (4.0 / 3.0) / (12.0 / 11.0)

@@ -19,14 +19,12 @@ def run(worth, iterations=20, is_free=lambda iteration: True):
     first, said, history = 1, [], []
     for iteration in range(iterations):
         if media.is_running:
-            for part in media.parts:
-                guided = media.challenger if part.arm == CHALLENGER else media.guided
-                unit = Unit(
-                    np.zeros((1, 2), np.int32), np.zeros(1, np.int64), part.first_sample, part.sample_count, part.arm
-                )
+            for arm_samples in media.arms:
+                guided = media.challenger if arm_samples.arm == CHALLENGER else media.guided
+                unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), *arm_samples)
                 tile = allocate_tile(1, 3)
-                tile.square[:] = part.sample_count / worth[guided]
-                media.compare(unit, tile, part.sample_count)
+                tile.square[:] = arm_samples.sample_count / worth[guided]
+                media.compare(unit, tile, arm_samples.sample_count)
         sentence = media.judge(WEIGHTS, first)
         said += [sentence] if sentence else []
         media.plan(first, SAMPLES, is_free=is_free(iteration))

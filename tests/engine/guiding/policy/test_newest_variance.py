@@ -12,7 +12,7 @@ from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import NewestVariance
-from engine.guiding.records.taught import allocate_taught_records
+from engine.guiding.records.cache_records import allocate_cache_records
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.ris.orca import LEAST_RETURN, CandidateCosts, pixel_weights
@@ -67,7 +67,7 @@ def test_allocation_goes_by_the_guided_samples_of_late() -> None:
             for column, added in zip(sums, unit, strict=True):
                 column += added
             learner.compare(Unit(whole, np.arange(PIXELS), first, count, arm), unit, UnitCosts())
-        made = UnitRecords(records(rng), allocate_taught_records(0))
+        made = UnitRecords(records(rng), allocate_cache_records(0))
         costs = IterationCosts(Counter(), RAYS * PIXELS * count, PIXELS * count, PIXELS * count, 0, 0)
         guidance = learner.learn(Traced([made], 0.1, sums, SIZE, costs, (first + count, count)))
         first += count

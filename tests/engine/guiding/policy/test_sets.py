@@ -12,11 +12,11 @@ import pytest
 
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.learnables.face import Learnable
-from engine.guiding.policy.questions.face import Question
+from engine.guiding.policy.learnables.learnable import Learnable
+from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.staged import StagedVerdict, Verdict
-from engine.guiding.policy.trial import GuidingTrial, Part, halves
+from engine.guiding.policy.trial import ArmSamples, GuidingTrial, halves
 from engine.guiding.policy.way import ImageState, Way
 from engine.render import render_loop
 from engine.settings import RenderSettings
@@ -50,7 +50,7 @@ class Sameness(Question):
         self._verdict = StagedVerdict()
         self.said: list[Verdict] = []
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         if not is_free or iteration.next_range[1] < 8 or iteration.is_next_last:
             return ()
         self._trial = GuidingTrial(SIZE[0] * SIZE[1])

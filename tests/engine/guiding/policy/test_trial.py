@@ -8,7 +8,7 @@ from engine.guiding.policy import trial
 from engine.guiding.policy.iterations import iteration_weight
 from engine.guiding.policy.rules import RULES
 from engine.guiding.policy.sets import make_learner
-from engine.guiding.policy.trial import ComparedValues, GuidingTrial, SampleMoments, parts, tried_weight
+from engine.guiding.policy.trial import ComparedValues, GuidingTrial, SampleMoments, arms, tried_weight
 from engine.render.film import Film
 from engine.ris.orca import pixel_weights
 from engine.settings import RenderSettings
@@ -110,9 +110,9 @@ def test_unguided_samples_from_before_count():
 
 @pytest.mark.parametrize("iteration", range(8))
 @pytest.mark.parametrize("count", [1, 3, 5, 16])
-def test_parts_hold_every_sample_once(iteration, count):
+def test_arms_hold_every_sample_once(iteration, count):
     for is_tried in (False, True):
-        pieces = parts(iteration, 7, count, is_tried=is_tried)
+        pieces = arms(iteration, 7, count, is_tried=is_tried)
         samples = [sample for first, size, _ in pieces for sample in range(first, first + size)]
         assert samples == list(range(7, 7 + count))
         assert pieces[0][2] == CURRENT, "the guided part comes first"
@@ -196,7 +196,7 @@ def test_unguided_samples_count_alike():
 
 
 def test_a_pixel_s_weight_says_what_was_guided(monkeypatch):
-    """Of 32 samples 1 is unguided, 3 are guided by what it has taught, then 2 + 6 guided and 2 + 2 not, to compare, and
+    """1 of 32 samples is unguided, 3 are guided by what it has taught, then 2 + 6 guided and 2 + 2 not, to compare, and
     the last 16 are guided: nobody would go by what these say."""
     found = []
 

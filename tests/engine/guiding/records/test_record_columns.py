@@ -9,8 +9,8 @@ import pytest
 from engine.array_types import Float32Array
 from engine.cluster import work
 from engine.guiding.records import vertices
+from engine.guiding.records.cache_records import CacheRecords, allocate_cache_records, join_cache_records
 from engine.guiding.records.light import Records
-from engine.guiding.records.taught import TaughtRecords, allocate_taught_records, join_taught
 from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records, as_records, join_records
 from engine.render.traced import TracedTiles
@@ -59,7 +59,7 @@ def test_a_toy_column_is_allocated_joined_and_cut(toys):
 def test_a_toy_column_goes_to_other_processes(toys):
     rng = np.random.default_rng(2)
     units = [
-        UnitRecords(filled(allocate_vertex_records(count), rng), filled(allocate_taught_records(1), rng))
+        UnitRecords(filled(allocate_vertex_records(count), rng), filled(allocate_cache_records(1), rng))
         for count in (2, 0, 3)
     ]
     there = sent(units)
@@ -71,12 +71,13 @@ def test_a_toy_column_goes_to_other_processes(toys):
 def test_no_column_is_lost_on_the_way(channel_count):
     rng = np.random.default_rng(3)
     units = [
-        UnitRecords(filled(allocate_vertex_records(2, channel_count), rng), filled(allocate_taught_records(3), rng))
+        UnitRecords(filled(allocate_vertex_records(2, channel_count), rng), filled(allocate_cache_records(3), rng))
         for _ in range(2)
     ]
     there = sent(units)
-    joined = join_records([unit.vertices for unit in there])[0], join_taught([unit.taught for unit in there])
-    for table, found, of_units in zip((VertexRecords, TaughtRecords), joined, zip(*units, strict=True), strict=True):
+    vertices, cached = [unit.vertices for unit in there], [unit.cache_records for unit in there]
+    joined = join_records(vertices)[0], join_cache_records(cached)
+    for table, found, of_units in zip((VertexRecords, CacheRecords), joined, zip(*units, strict=True), strict=True):
         assert list(columns_of(table)) == list(table._fields)
         for name in table._fields:
             wanted = np.concatenate([getattr(unit, name) for unit in of_units])

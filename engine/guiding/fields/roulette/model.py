@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from engine.guiding.fields.hash_grid import extent_of
-from engine.guiding.fields.reflected.field import (
+from engine.guiding.fields.roulette.field import (
     LEVEL_COUNT,
-    ReflectedField,
-    claim_reflected,
-    empty_reflected,
-    reflected_key,
+    RouletteField,
+    claim_roulette_cell,
+    empty_roulette_field,
+    roulette_key,
 )
 from engine.guiding.records.vertices import VertexRecords
 from engine.kernels.vector import load
@@ -53,8 +53,8 @@ def _add(field, sums, level_of, parent_of, records, row_count, step, most):
         parent = np.int64(-1)
         for larger in range(LEVEL_COUNT):
             level = LEVEL_COUNT - 1 - larger
-            place, tag = reflected_key(field, p, n, records.program[row], level)
-            slot = claim_reflected(field, place, tag)
+            place, tag = roulette_key(field, p, n, records.program[row], level)
+            slot = claim_roulette_cell(field, place, tag)
             if slot < 0:
                 lost_count += 1
                 continue
@@ -62,22 +62,22 @@ def _add(field, sums, level_of, parent_of, records, row_count, step, most):
             parent_of[slot] = parent
             parent = slot
             sums[slot, _COUNT] += 1.0
-            sums[slot, _SQUARE] += min(np.float64(records.reflected[row]) ** 2, most)
+            sums[slot, _SQUARE] += min(np.float64(records.outgoing_radiance[row]) ** 2, most)
             sums[slot, _COST] += records.cost[row]
     return lost_count
 
 
-class ReflectedModel:
+class RouletteFieldModel:
     """Cells of a render.
 
     Attributes
     ----------
-    field : ReflectedField or None, while nothing is known
+    field : RouletteField or None, while nothing is known
     lost_count : int, records by size of cell for which the table had no room
     """
 
     def __init__(self) -> None:
-        self.field: ReflectedField | None = None
+        self.field: RouletteField | None = None
         self.lost_count = 0
         self._sums = np.zeros((0, _WIDTH))
         self._level = self._parent = np.zeros(0, np.int64)
@@ -88,17 +88,17 @@ class ReflectedModel:
             return
         if self.field is None:
             extent = extent_of(records.position[:row_count])
-            self.field = empty_reflected(_SMALLEST_SHARE * extent)
+            self.field = empty_roulette_field(_SMALLEST_SHARE * extent)
             slot_count = len(self.field.tag)
             self._sums = np.zeros((slot_count, _WIDTH))
             self._level, self._parent = np.full(slot_count, -1, np.int64), np.full(slot_count, -1, np.int64)
         step = max(row_count // _MOST_RECORDS, 1)
-        squares = np.square(records.reflected[:row_count:step], dtype=np.float64)
+        squares = np.square(records.outgoing_radiance[:row_count:step], dtype=np.float64)
         most = max(_OUTLIER_SHARE * float(squares.sum()), _OUTLIER_MEANS * float(squares.mean()))
         self.lost_count += int(_add(self.field, self._sums, self._level, self._parent, records, row_count, step, most))
         self._estimate(self.field)
 
-    def _estimate(self, field: ReflectedField) -> None:
+    def _estimate(self, field: RouletteField) -> None:
         """Make importances of the sums, those of the largest cells first."""
         known = np.flatnonzero(self._level >= 0)
         level, parent, sums = self._level[known], self._parent[known], self._sums[known]

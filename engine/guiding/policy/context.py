@@ -17,7 +17,7 @@ from engine.settings import RenderSettings
 
 
 @dataclass(frozen=True)
-class RenderFacts:
+class RenderContext:
     """What is known of a render before its first sample.
 
     settings : RenderSettings

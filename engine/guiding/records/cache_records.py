@@ -17,10 +17,18 @@ from engine.kernels.constants import FLOAT_MAX
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 from engine.state.columns import allocate, column, joined
-from engine.state.lanes import MAX_TAUGHT, RGB, TAUGHT_BEFORE, TAUGHT_NG, TAUGHT_P, TAUGHT_RADIANCE, TAUGHT_SIDE
+from engine.state.lanes import (
+    CACHE_VERTEX_BEFORE,
+    CACHE_VERTEX_NG,
+    CACHE_VERTEX_P,
+    CACHE_VERTEX_RADIANCE,
+    CACHE_VERTEX_SIDE,
+    MAX_CACHE_VERTICES,
+    RGB,
+)
 
 #: Records that a unit of work may make.
-TAUGHT_ROWS = 1 << 16
+CACHE_RECORD_ROWS = 1 << 16
 #: Weight of what a path meets behind the first surface that it teaches. Few paths end there, and such surfaces lie
 #: elsewhere in the same cell: they count where nothing better is known.
 _FAR = np.float32(0.1)
@@ -28,7 +36,7 @@ _FAR = np.float32(0.1)
 _ROUNDING = np.float32(1e-5)
 
 
-class TaughtRecords(Bundle):
+class CacheRecords(Bundle):
     """Light that surfaces send back along paths, R rows."""
 
     position: Float32Array = column("world [m]", "R", RGB)
@@ -39,18 +47,18 @@ class TaughtRecords(Bundle):
     side: Float32Array = column("of the footprint with which the path arrived [m]", "R")
 
 
-def allocate_taught_records(row_count: int) -> TaughtRecords:
-    """Zeroed `TaughtRecords` of `row_count` rows."""
-    return allocate(TaughtRecords, {"R": row_count})
+def allocate_cache_records(row_count: int) -> CacheRecords:
+    """Zeroed `CacheRecords` of `row_count` rows."""
+    return allocate(CacheRecords, {"R": row_count})
 
 
-def join_taught(units: Sequence[TaughtRecords]) -> TaughtRecords:
+def join_cache_records(units: Sequence[CacheRecords]) -> CacheRecords:
     """Records of all units one after the other."""
     return joined(units)
 
 
 @kernel
-def collect_taught(paths, cached, lanes, lane_count, records, record_count):
+def collect_cache_records(paths, cached, lanes, lane_count, records, record_count):
     """Turn what ended paths among `lanes` have met into records; call before their lanes are freed.
 
     Returns
@@ -69,30 +77,30 @@ def collect_taught(paths, cached, lanes, lane_count, records, record_count):
         lane = lanes[k]
         if paths.alive[lane] != 0 or cached.is_recorded[lane] == 0:
             continue
-        for vertex in range(cached.taught_count[lane]):
+        for vertex in range(cached.vertex_count[lane]):
             if record_count >= capacity:
                 dropped_count += 1
                 continue
-            row = lane * MAX_TAUGHT + vertex
+            row = lane * MAX_CACHE_VERTICES + vertex
             is_finite = True
             share = np.float32(1.0) if vertex == 0 else _FAR
             for c in range(RGB):
                 # Rounding of the long sum may leave a little less than before; a lamp of negative strength leaves much
                 # less. A channel that the path had lost before tells nothing; it never sees the cell's either.
-                gathered = cached.taught[row, TAUGHT_RADIANCE + c]
+                gathered = cached.vertices[row, CACHE_VERTEX_RADIANCE + c]
                 gain = paths.radiance[lane, c] - gathered
                 if gain < 0.0 and -gain <= _ROUNDING * abs(gathered):
                     gain = np.float32(0.0)
-                before = cached.taught[row, TAUGHT_BEFORE + c]
+                before = cached.vertices[row, CACHE_VERTEX_BEFORE + c]
                 value = gain / before if before > 0.0 else np.float32(0.0)
                 is_finite = is_finite and abs(value) < FLOAT_MAX
                 records.weight[record_count, c] = share * before
                 records.radiance[record_count, c] = value
-                records.position[record_count, c] = cached.taught[row, TAUGHT_P + c]
-                records.normal[record_count, c] = cached.taught[row, TAUGHT_NG + c]
+                records.position[record_count, c] = cached.vertices[row, CACHE_VERTEX_P + c]
+                records.normal[record_count, c] = cached.vertices[row, CACHE_VERTEX_NG + c]
             if is_finite:
-                records.side[record_count] = cached.taught[row, TAUGHT_SIDE]
-                records.program[record_count] = cached.taught_program[row]
+                records.side[record_count] = cached.vertices[row, CACHE_VERTEX_SIDE]
+                records.program[record_count] = cached.vertex_program[row]
                 record_count += 1
             else:
                 reject_count += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ReflectedField`: how much light surfaces send back for what it costs to find, by cell, in a hash table.
+"""`RouletteField`: how much light surfaces send back for what it costs to find, by cell, in a hash table.
 
 Cells are those of `hash_grid`. There are small ones, and large ones that answer where no small one is known. The
 direction of the light plays no part: a look-up finds one number, in a table that stays near the core, and costs next to
@@ -25,14 +25,14 @@ SLOT_COUNT = 1 << 14
 _PROBE_COUNT = 4
 _PLACE_WIDTH = 2
 
-# Elements of ReflectedField.numbers.
+# Elements of RouletteField.numbers.
 NUMBER_INVERSE_SIZE = 0
 NUMBER_SCALE = 1
 NUMBER_LEAST = 2
 NUMBER_COUNT = 3
 
 
-class ReflectedField(Bundle):
+class RouletteField(Bundle):
     """Cells of surface, S places.
 
     tag : uint32 (S,), by which a cell knows its place again; 0: the place is free
@@ -54,10 +54,10 @@ class ReflectedField(Bundle):
         return _with_places, (len(self.tag), self.numbers, used, self.tag[used], self.importance[used])
 
 
-def empty_reflected(size: float = 1.0, slot_count: int = SLOT_COUNT) -> ReflectedField:
+def empty_roulette_field(size: float = 1.0, slot_count: int = SLOT_COUNT) -> RouletteField:
     """A field that knows nothing, with room for so many cells, the smallest of this size [m]."""
     places = aligned_bytes(slot_count * _PLACE_WIDTH * 4).view(np.float32).reshape(slot_count, _PLACE_WIDTH)
-    return ReflectedField(
+    return RouletteField(
         places.view(np.uint32)[:, 0], places[:, 1], np.full(1, slot_count - 1, np.uint32),
         np.array([1.0 / size, 1.0, 1.0], np.float32),
     )
@@ -65,20 +65,20 @@ def empty_reflected(size: float = 1.0, slot_count: int = SLOT_COUNT) -> Reflecte
 
 def _with_places(
     slot_count: int, numbers: np.ndarray, used: np.ndarray, tag: np.ndarray, importance: np.ndarray
-) -> ReflectedField:
+) -> RouletteField:
     """A field from another process: strides are a part of its type, so it is made here."""
-    field = empty_reflected(slot_count=slot_count)
+    field = empty_roulette_field(slot_count=slot_count)
     field.tag[used], field.importance[used], field.numbers[:] = tag, importance, numbers
     return field
 
 
-def no_reflected() -> ReflectedField:
+def no_roulette_field() -> RouletteField:
     """A field of which nothing is asked."""
-    return empty_reflected(slot_count=1)
+    return empty_roulette_field(slot_count=1)
 
 
 @kernel
-def reflected_key(field, p, n, program, level):
+def roulette_key(field, p, n, program, level):
     """First place, and tag (not 0), of the cell of a level at p on the side that n faces: int, uint32.
 
     Parameters
@@ -108,10 +108,10 @@ def find_importance(field, p, n, program):
     Parameters
     ----------
     p, n, program
-        As for `reflected_key`.
+        As for `roulette_key`.
     """
     for level in range(LEVEL_COUNT):
-        place, tag = reflected_key(field, p, n, program, level)
+        place, tag = roulette_key(field, p, n, program, level)
         slot = find_place(field, place, tag, _PROBE_COUNT)
         if slot >= 0:
             return field.importance[slot]
@@ -119,6 +119,6 @@ def find_importance(field, p, n, program):
 
 
 @kernel
-def claim_reflected(field, place, tag):
+def claim_roulette_cell(field, place, tag):
     """Where in the table a cell is, made if there is none; -1 where the table has no room near."""
     return claim_place(field, place, tag, _PROBE_COUNT)

@@ -12,7 +12,7 @@ from engine.runtime.jit import kernel
 from engine.settings import RenderSettings
 
 
-class GuideFace(NamedTuple):
+class GuideKernels(NamedTuple):
     """How lanes of one kind are sampled: kernels, but for `with_field`.
 
     with_field : (guide, field) -> guide
@@ -49,7 +49,7 @@ class Implementation(Protocol):
     """A module that `engine.methods.SOURCES` names."""
 
     #: By class of lanes.
-    FACES: Mapping[type[Bundle], GuideFace]
+    KERNELS: Mapping[type[Bundle], GuideKernels]
 
     def allocate(self, settings: RenderSettings, lane_count: int) -> Bundle:
         """Lanes for the source that `settings.source` names; it has learned nothing."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from engine.guiding.policy.iteration import Iteration
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import Way
 from engine.state.film import FilmTile
 from engine.state.unit import Unit
@@ -20,11 +20,11 @@ class Question:
 
     Attributes
     ----------
-    other_parts : sequence of Part
-        Parts of units that have no pixels of a trial, in the iteration in work; empty: all units have the same parts.
+    other_arms : sequence of ArmSamples
+        Arms of units that have no pixels of a trial, in the iteration in work; empty: all units have the same arms.
     """
 
-    other_parts: Sequence[Part] = ()
+    other_arms: Sequence[ArmSamples] = ()
 
     @property
     def is_over(self) -> bool:
@@ -61,8 +61,8 @@ class Question:
     def conclude(self, iteration: Iteration) -> None:
         """After an iteration, before anything is learned from it: draw the conclusion, if it compared."""
 
-    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[Part]:
-        """Once all has been learned from an iteration: parts of the next one, if it is to compare.
+    def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
+        """Once all has been learned from an iteration: arms of the next one, if it is to compare.
 
         Parameters
         ----------
@@ -72,7 +72,7 @@ class Question:
 
         Returns
         -------
-        sequence of Part
+        sequence of ArmSamples
             Empty: it compares nothing.
         """
         return ()
@@ -82,7 +82,7 @@ class Question:
         return way
 
     def challenge(self, way: Way) -> Way:
-        """How those of the arm CHALLENGER go, where its own parts have that arm, given how all others go."""
+        """How those of the arm CHALLENGER go, where its own arms have that arm, given how all others go."""
         return way
 
     def rehearse(self, channel_count: int) -> None:
