@@ -170,7 +170,7 @@ def test_a_loop_passes_on_bundles_that_it_does_not_know() -> None:
     table = StageTable({"take": _take_nothing})
     first = _Holder(two, _Numbers(one), out)
     second = first._replace(held=_Pair(one, two))
-    assert first._numba_type_ == second._numba_type_
+    assert numba.typeof(first) == numba.typeof(second)
     loop = BoundKernel(_pass_on)
     loop.bind(table, first)
     assert table.plug("take", _take_numbers, first.held, out)
