@@ -86,10 +86,7 @@ TOPICS = (
     ),
     Topic(
         "Rendering, guiding and memory",
-        (
-            "engine/render", "engine/guiding/models", "engine/guiding/neural/models", "engine/guiding/neural/sources",
-            "engine/accel", "engine/denoise",
-        ),
+        ("engine/render", "engine/guiding/models", "engine/guiding/neural/models", "engine/accel", "engine/denoise"),
         "Read what is done instead. Where the render stops, do what the sentence says, make the scene smaller, or look "
         "into `neuralguide.log` beside the kernel cache.",
     ),
