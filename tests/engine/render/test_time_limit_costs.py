@@ -11,7 +11,7 @@ import random
 
 import pytest
 
-from engine.guiding.policy.trial import Part
+from engine.guiding.policy.trial import ArmSamples
 from engine.render.schedule import Iterations, PacedSchedule, PlainSchedule, Schedule, Task
 from engine.render.time_left import TimeLeft
 from engine.state.unit import CURRENT
@@ -38,19 +38,19 @@ class Clock:
         while True:
             while self._idle and self.now < limit and schedule.has_task:
                 task = schedule.take()
-                seconds = self._seconds[task.tile] * self._random.uniform(0.9, 1.1) * task.part.sample_count
+                seconds = self._seconds[task.tile] * self._random.uniform(0.9, 1.1) * task.arm_samples.sample_count
                 heapq.heappush(self._work, (self.now + TASK_SECONDS + seconds, handed_out, task))
                 self._idle, handed_out = self._idle - 1, handed_out + 1
             if not self._work:
                 return done / TILES
             self.now, _, task = heapq.heappop(self._work)
             self._idle += 1
-            done += task.part.sample_count
+            done += task.arm_samples.sample_count
             if schedule.finish(task) and isinstance(schedule, Iterations):
                 self.now += LEARNING_SECONDS
                 following = schedule.plan(self.now)
                 if following is not None:
-                    schedule.begin([Part(*following, CURRENT)], TILES)
+                    schedule.begin([ArmSamples(*following, CURRENT)], TILES)
 
 
 def samples_per_second(
@@ -63,7 +63,7 @@ def samples_per_second(
     schedule: Schedule = PacedSchedule(TILES, MANY, pace) if is_limited else PlainSchedule(TILES, MANY)
     if is_guided:
         schedule = iterations = Iterations(MANY, None, pace)
-        iterations.begin([Part(0, 1, CURRENT)], TILES)
+        iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
     return clock.render(schedule, limit) / clock.now
 
 
