@@ -184,7 +184,7 @@ class RenderLoop:
 
     def unit(self, task: Task) -> Unit:
         """What there is to trace."""
-        return Unit(*self.tiles[task.tile], *task.arm_samples, task.stratum, self.strata)
+        return Unit(*self.tiles[task.tile], *task.arm_samples, task.stratum, self.strata, task.is_aside)
 
     def finish(self, task: Task) -> bool:
         """Take note of a task that `keep` has taken; True if `begin_next` is to be called: there is no other task."""

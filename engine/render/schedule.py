@@ -50,10 +50,13 @@ def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[in
     return ranges
 
 
-def _in_tasks(arm_samples: ArmSamples) -> list[ArmSamples]:
-    """A part of an iteration as a tile's successive tasks."""
-    first, count, arm = arm_samples
-    return [ArmSamples(*task, arm) for task in sample_ranges(first + count, first, task_samples(first))]
+def _in_tasks(arms: Sequence[ArmSamples]) -> list[ArmSamples]:
+    """An iteration's samples by arm as a tile's successive tasks."""
+    return [
+        ArmSamples(*task, arm)
+        for first, count, arm in arms
+        for task in sample_ranges(first + count, first, task_samples(first))
+    ]
 
 
 def _with_last_divided(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -74,7 +77,8 @@ class Task:
     stratum : int, part of u that they lie in, or ALL_STRATA
     weighs_as : int, the sample by which they are weighed: the first of their iteration
     is_first : bool, whether the tile has no samples before
-    step, place : int, of an iteration, and of the part in it
+    step, place : int, of an iteration, and of the task among the tile's in it
+    is_aside : bool, whether something is tried in the iteration, but on none of the tile's pixels
     """
 
     tile: int
@@ -84,6 +88,7 @@ class Task:
     is_first: bool
     step: int
     place: int = 0
+    is_aside: bool = False
 
 
 def is_alike(one: Task, other: Task) -> bool:
@@ -355,10 +360,7 @@ class Iterations:
 
         Tiles from `first_other` on are divided as `other_arms` says, if there are any.
         """
-        self._arms, self._other_arms = list(arms), list(other_arms)
-        if len(arms) == 1 and not other_arms:
-            # What is compared knows arms by their first samples.
-            self._arms = _in_tasks(arms[0])
+        self._arms, self._other_arms = _in_tasks(arms), _in_tasks(other_arms)
         self._first_other = first_other if self._other_arms else tile_count
         self._unfinished = tile_count
         self._waiting.extend((tile, 0) for tile in range(tile_count))
@@ -378,8 +380,9 @@ class Iterations:
 
     def take(self) -> Task:
         tile, place = self._waiting.popleft()
-        first = self._ranges[self._step][0]
-        return Task(tile, self._arms_of(tile)[place], self._stratum, first, self._step == 0, self._step, place)
+        first, is_aside = self._ranges[self._step][0], tile >= self._first_other
+        arm_samples = self._arms_of(tile)[place]
+        return Task(tile, arm_samples, self._stratum, first, self._step == 0, self._step, place, is_aside)
 
     def _arms_of(self, tile: int) -> list[ArmSamples]:
         return self._arms if tile < self._first_other else self._other_arms

@@ -33,6 +33,8 @@ class Unit:
     #: Part of u that its samples lie in, of so many equal ones (`engine.render.strata`).
     stratum: int = 0
     strata: int = 1
+    #: Whether guiding is tried in the iteration, but on none of these pixels.
+    is_aside: bool = False
 
 
 @dataclass(frozen=True)

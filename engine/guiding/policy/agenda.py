@@ -10,7 +10,7 @@ from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import Way
 from engine.state.film import FilmTile
-from engine.state.unit import CHALLENGER, CURRENT, PLAIN, Unit
+from engine.state.unit import CHALLENGER, CURRENT, Unit
 
 
 class Agenda:
@@ -73,10 +73,8 @@ class Agenda:
 
     def observe(self, unit: Unit, film: FilmTile, cost: float) -> None:
         """Take a finished unit's sums and its cost; no two threads at once."""
-        # Parts of pixels that are guided begin guided.
-        is_aside = unit.arm == PLAIN and unit.sample_first == self.arms[0].first_sample
         for question in self._open:
-            question.observe(unit, film, cost, is_aside=is_aside)
+            question.observe(unit, film, cost, is_aside=unit.is_aside)
 
     def conclude(self, iteration: Iteration) -> None:
         """Draw conclusions from an iteration."""

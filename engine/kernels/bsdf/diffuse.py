@@ -25,7 +25,7 @@ def add_diffuse(closures, lane, weight, n, roughness, color=None):
 
     `weight` includes the colour. `color` is the colour alone, used between facets if rough; None = `weight`.
     """
-    if roughness < MIN_DIFFUSE_ROUGHNESS:
+    if not roughness >= MIN_DIFFUSE_ROUGHNESS:  # NaN too
         append_closure(closures, lane, DIFFUSE, weight, n)
     elif color is None:
         add_oren_nayar(closures, lane, weight, weight, n, roughness)

@@ -26,6 +26,7 @@ from engine.kernels.bsdf.kinds import (
 )
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.constants import TWO_PI
+from engine.kernels.limits import at_least, clamp, clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.vector import add, cross, dot, normalize, scale
 from engine.runtime.jit import kernel
@@ -99,8 +100,8 @@ def append_microfacet(closures, lane, kind, weight, facets, interface):
         store_color(param, lane, i, F0, interface.f0)
         store_color(param, lane, i, REFLECTION_TINT, interface.reflection)
         store_color(param, lane, i, TRANSMISSION_TINT, interface.transmission)
-        alpha_x = min(max(alpha_x, 0.0), 1.0)
-        alpha_y = min(max(alpha_y, 0.0), 1.0)
+        alpha_x = clamp_unit(alpha_x)
+        alpha_y = clamp_unit(alpha_y)
         if alpha_x != alpha_y:
             bitangent = cross(n, tangent)
             if dot(bitangent, bitangent) > 1e-12:
@@ -144,10 +145,10 @@ def add_glossy(
     rotation : float32 [turns]
     """
     weight = (weight[0] * color[0], weight[1] * color[1], weight[2] * color[2])
-    roughness = min(max(roughness, 0.0), 1.0)
+    roughness = clamp_unit(roughness)
     alpha_x = roughness * roughness
     alpha_y = alpha_x
-    anisotropy = min(max(anisotropy, -0.99), 0.99)
+    anisotropy = clamp(anisotropy, -0.99, 0.99)
     if abs(anisotropy) > 1e-4:
         tangent = rotate_tangent(tangent, n, rotation)
         if anisotropy < 0.0:
@@ -159,7 +160,7 @@ def add_glossy(
     facets = Facets(n, tangent, alpha_x, alpha_y, distribution == MULTI_GGX)
     i = append_microfacet(closures, lane, GLOSSY, weight, facets, Interface(1.0, color, color, color))
     if i >= 0 and facets.is_multiple:
-        fresnel = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
+        fresnel = (at_least(color[0], 0.0), at_least(color[1], 0.0), at_least(color[2], 0.0))
         finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, fresnel)
 
 
@@ -170,7 +171,7 @@ def add_refraction(closures, tables, lane, weight, color, wo, n, distribution, r
     Parameters as `add_glossy`; `ior` is the material's refractive index over its surroundings'.
     """
     weight = (weight[0] * color[0], weight[1] * color[1], weight[2] * color[2])
-    eta = max(ior, 1e-5)
+    eta = at_least(ior, 1e-5)
     if is_backfacing:
         eta = 1.0 / eta
     alpha = roughness * roughness
@@ -202,7 +203,7 @@ def append_glass(closures, tables, lane, weight, wo, facets, interface):
         reflection = black
     if not refracts:
         transmission = black
-    f0 = (min(max(f0[0], 0.0), 1.0), min(max(f0[1], 0.0), 1.0), min(max(f0[2], 0.0), 1.0))
+    f0 = (clamp_unit(f0[0]), clamp_unit(f0[1]), clamp_unit(f0[2]))
     i = append_microfacet(closures, lane, GLASS, weight, facets, Interface(eta, f0, reflection, transmission))
     if i < 0:
         return
@@ -217,9 +218,9 @@ def append_glass(closures, tables, lane, weight, wo, facets, interface):
 @kernel
 def add_glass(closures, tables, lane, weight, color, wo, n, distribution, roughness, ior, is_backfacing):
     """Lobe of the Glass BSDF: reflection and refraction by Fresnel, both tinted. Parameters as `add_refraction`."""
-    ior = max(ior, 1e-5)
-    roughness = min(max(roughness, 0.0), 1.0)
-    tint = (max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0))
+    ior = at_least(ior, 1e-5)
+    roughness = clamp_unit(roughness)
+    tint = (at_least(color[0], 0.0), at_least(color[1], 0.0), at_least(color[2], 0.0))
     f0 = f0_of_eta(ior)
     alpha = roughness * roughness
     facets = Facets(n, n, alpha, alpha, distribution == MULTI_GGX)

@@ -9,6 +9,7 @@ from engine.kernels.bsdf.closures import append_closure, store_color
 from engine.kernels.bsdf.lobe import Lobe
 from engine.kernels.bsdf.warp import sample_cosine
 from engine.kernels.constants import HALF_PI, INV_PI, PI
+from engine.kernels.limits import clamp_unit
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT
@@ -75,7 +76,7 @@ def add_oren_nayar(closures, lane, weight, color, n, roughness):
     """
     i = append_closure(closures, lane, OREN_NAYAR, weight, n)
     if i >= 0:
-        sigma = min(max(roughness, 0.0), 1.0)
+        sigma = clamp_unit(roughness)
         a = 1.0 / (PI + sigma * (HALF_PI - 2.0 / 3.0))
         b = sigma * a
         closures.param[lane, i, OREN_A] = a

@@ -28,15 +28,10 @@ from engine.kernels.bsdf.no_lobes import add_emission, add_transparent
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar
 from engine.kernels.bsdf.sheen import append_sheen
+from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.vector import add, dot, normalize, scale
 from engine.runtime.jit import kernel
-
-
-@kernel
-def clamp01(x):
-    """`x` in [0, 1]."""
-    return min(max(x, 0.0), 1.0)
 
 
 @kernel
@@ -48,7 +43,7 @@ def multiply(a, b):
 @kernel
 def not_negative(color):
     """Colour with negative channels set to 0."""
-    return max(color[0], 0.0), max(color[1], 0.0), max(color[2], 0.0)
+    return at_least(color[0], 0.0), at_least(color[1], 0.0), at_least(color[2], 0.0)
 
 
 @kernel
@@ -58,7 +53,7 @@ def absorb_in_coat(weight, cos_o, coat_weight, ior, tint):
     The tint is what is absorbed along a path of the coat's thickness at perpendicular incidence, raised to the length
     of the refracted view path (Beer's law).
     """
-    path_length = 1.0 / math.sqrt(max(1.0 - (1.0 - cos_o * cos_o) / (ior * ior), 1e-6))
+    path_length = 1.0 / math.sqrt(at_least(1.0 - (1.0 - cos_o * cos_o) / (ior * ior), 1e-6))
     return (
         weight[0] * (1.0 + coat_weight * (tint[0] ** path_length - 1.0)),
         weight[1] * (1.0 + coat_weight * (tint[1] ** path_length - 1.0)),
@@ -131,17 +126,17 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
     base_color = not_negative(inputs.base_color)
     clamped_color = (min(base_color[0], 1.0), min(base_color[1], 1.0), min(base_color[2], 1.0))
     specular_tint = not_negative(inputs.specular_tint)
-    ior = max(inputs.ior, 1e-5)
-    roughness = clamp01(inputs.roughness)
-    metallic = clamp01(inputs.metallic)
-    transmission = clamp01(inputs.transmission)
-    alpha = clamp01(inputs.alpha)
+    ior = at_least(inputs.ior, 1e-5)
+    roughness = clamp_unit(inputs.roughness)
+    metallic = clamp_unit(inputs.metallic)
+    transmission = clamp_unit(inputs.transmission)
+    alpha = clamp_unit(inputs.alpha)
     is_multiple = inputs.distribution == MULTI_GGX
     specular_n = valid_specular_normal(closures, lane, ng, wo, n)
     alpha_x = roughness * roughness
     alpha_y = alpha_x
     tangent = inputs.tangent
-    anisotropic = clamp01(inputs.anisotropic)
+    anisotropic = clamp_unit(inputs.anisotropic)
     if anisotropic > 0.0:
         aspect = math.sqrt(1.0 - anisotropic * 0.9)
         alpha_x /= aspect
@@ -154,19 +149,19 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         add_transparent(closures, lane, scale(weight, 1.0 - alpha))
         weight = scale(weight, alpha)
 
-    coat_weight = max(inputs.coat_weight, 0.0)
+    coat_weight = at_least(inputs.coat_weight, 0.0)
     if inputs.sheen_weight > WEIGHT_CUTOFF:
         blend = min(coat_weight, 1.0)
         sheen_n = normalize(add(scale(n, 1.0 - blend), scale(inputs.coat_normal, blend)))
         sheen_color = scale(multiply(weight, not_negative(inputs.sheen_tint)), inputs.sheen_weight)
-        sheen_roughness = clamp01(inputs.sheen_roughness)
+        sheen_roughness = clamp_unit(inputs.sheen_roughness)
         weight = append_sheen(closures, tables, lane, sheen_color, weight, wo, sheen_n, sheen_roughness)
 
     if coat_weight > WEIGHT_CUTOFF:
         coat_n = valid_specular_normal(closures, lane, ng, wo, inputs.coat_normal)
-        coat_ior = max(inputs.coat_ior, 1.0)
+        coat_ior = at_least(inputs.coat_ior, 1.0)
         if reflects:
-            coat_alpha = clamp01(inputs.coat_roughness)
+            coat_alpha = clamp_unit(inputs.coat_roughness)
             coat_alpha *= coat_alpha
             mean = fresnel_mean(coat_ior)
             mean_color = (mean, mean, mean)
@@ -207,7 +202,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         weight = scale(weight, 1.0 - transmission)
 
     eta = ior
-    specular_level = max(inputs.specular_level, 0.0)
+    specular_level = at_least(inputs.specular_level, 0.0)
     if specular_level != 0.5:
         f0_real *= 2.0 * specular_level
         eta = eta_of_f0(f0_real)
@@ -215,13 +210,13 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
             eta = 1.0 / eta
     if reflects and eta != 1.0:
         f0 = scale(specular_tint, f0_real)
-        f0 = (clamp01(f0[0]), clamp01(f0[1]), clamp01(f0[2]))
+        f0 = (clamp_unit(f0[0]), clamp_unit(f0[1]), clamp_unit(f0[2]))
         fresnel = blend_to_white(f0, interface_mean_blend(eta))
         interface = Interface(eta, f0, f0, f0)
         weight = add_layer(closures, tables, lane, GLOSSY_SCHLICK, weight, 1.0, wo, facets, interface, fresnel)
 
     diffuse_weight = multiply(weight, base_color)
-    diffuse_roughness = clamp01(inputs.diffuse_roughness)
+    diffuse_roughness = clamp_unit(inputs.diffuse_roughness)
     if diffuse_roughness < WEIGHT_CUTOFF:
         append_closure(closures, lane, DIFFUSE, diffuse_weight, n)
     else:

@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.rounding import floor_of
 from engine.runtime.jit import kernel
 
@@ -23,12 +24,6 @@ BLEND_MODES = (
 COLOR_RGB = 0
 COLOR_HSV = 1
 COLOR_HSL = 2
-
-
-@kernel
-def clamp_unit(x):
-    """x limited to [0, 1]."""
-    return min(max(x, 0.0), 1.0)
 
 
 @kernel
@@ -168,7 +163,7 @@ def _blend_channel(mode, t, a, b):
     elif mode == _DIFFERENCE:
         b = abs(a - b)
     elif mode == _EXCLUSION:
-        return max(a + t * (b - 2.0 * a * b), 0.0)
+        return at_least(a + t * (b - 2.0 * a * b), 0.0)
     elif mode == _DARKEN:
         b = min(a, b)
     elif mode == _LIGHTEN:
@@ -234,9 +229,9 @@ def hue_saturation_value(color, hue, saturation, value, factor):
     r, g, b = hsv_to_rgb((h, clamp_unit(s * saturation), v * value))
     rest = 1.0 - factor
     return (
-        max(factor * r + rest * color[0], 0.0),
-        max(factor * g + rest * color[1], 0.0),
-        max(factor * b + rest * color[2], 0.0),
+        at_least(factor * r + rest * color[0], 0.0),
+        at_least(factor * g + rest * color[1], 0.0),
+        at_least(factor * b + rest * color[2], 0.0),
     )
 
 
@@ -311,4 +306,4 @@ def blackbody(temperature):
     green = _BLACKBODY_GREEN[i, 0] * inverse + _BLACKBODY_GREEN[i, 1] * t + _BLACKBODY_GREEN[i, 2]
     blue = (_BLACKBODY_BLUE[i, 0] * t + _BLACKBODY_BLUE[i, 1]) * t + _BLACKBODY_BLUE[i, 2]
     blue = blue * t + _BLACKBODY_BLUE[i, 3]
-    return max(red, 0.0), max(green, 0.0), max(blue, 0.0)
+    return at_least(red, 0.0), at_least(green, 0.0), at_least(blue, 0.0)

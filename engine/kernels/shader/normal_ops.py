@@ -4,6 +4,7 @@
 import math
 
 from engine.kernels.bsdf.normals import safe_normal
+from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.motion import direction_to_object, direction_to_world, point_to_object, point_to_world
 from engine.kernels.shader.ops_displacement import attribute_here, undisplaced_footprint
 from engine.kernels.shader.surface import (
@@ -99,7 +100,7 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
             normal = normalize(normal)
         x *= strength
         y *= strength
-        s = min(max(strength, 0.0), 1.0)
+        s = clamp_unit(strength)
         z = 1.0 + (z - 1.0) * s
         bitangent = scale(cross(normal, tangent), sign)
         n = add(add(scale(tangent, x), scale(bitangent, y)), scale(normal, z))
@@ -116,7 +117,7 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
         if backfacing:
             n = negate(n)
         if strength != 1.0:
-            n = normalize(add(ns, scale(subtract(n, ns), max(strength, 0.0))))
+            n = normalize(add(ns, scale(subtract(n, ns), at_least(strength, 0.0))))
     return safe_normal(n, ns)
 
 
@@ -154,7 +155,7 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, s
     raised = subtract(scale(n, width * abs(determinant)), scale(gradient, signed_distance))
     squared = dot(raised, raised)
     if squared > 0.0:
-        strength = max(strength, 0.0)
+        strength = at_least(strength, 0.0)
         raised = scale(raised, 1.0 / math.sqrt(squared))
         n = normalize(add(scale(raised, strength), scale(n, 1.0 - strength)))
     if slot != BUMPED_IN_WORLD and instance >= 0:

@@ -8,6 +8,7 @@ adds nothing. Those that add lobes are in the table of closures, `engine/kernels
 from engine.kernels.bsdf.lobe import View
 from engine.kernels.bsdf.lobes import INSTRUCTIONS, run_instruction
 from engine.kernels.bsdf.no_lobes import add_emission, add_holdout, add_transparent
+from engine.kernels.limits import clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.shader.opcodes import CLOSURE_FIRST, VOLUME_FIRST
 from engine.kernels.shader.ops_volume import run_volume_op
@@ -66,7 +67,7 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
         add_transparent(closures, lane, scale(read3(memory, code[pc + 3]), w))
         return
     if opcode == OP_ALPHA:
-        through = w * (1.0 - min(max(memory[code[pc + 3]], 0.0), 1.0))
+        through = w * (1.0 - clamp_unit(memory[code[pc + 3]]))
         add_transparent(closures, lane, (through, through, through))
         return
     if opcode == OP_HOLDOUT:

@@ -9,6 +9,7 @@ import math
 
 from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.constants import LUMINANCE_B, LUMINANCE_G, LUMINANCE_R
+from engine.kernels.limits import at_least, clamp, clamp_unit
 from engine.kernels.memory import read3, write3
 from engine.kernels.motion import point_to_world
 from engine.kernels.rounds import shape_at
@@ -325,7 +326,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
     elif opcode == OP_ADD:
         memory[code[pc + 2]] = memory[code[pc + 3]] + memory[code[pc + 4]]
     elif opcode == OP_MIX_WEIGHTS:
-        fac = min(max(memory[code[pc + 5]], 0.0), 1.0)
+        fac = clamp_unit(memory[code[pc + 5]])
         weight = memory[code[pc + 4]]
         memory[code[pc + 2]] = weight * (1.0 - fac)
         memory[code[pc + 3]] = weight * fac
@@ -433,7 +434,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         c = tangent_of(code, pc, geometry, points, lane)
         write3(memory, code[pc + 2], c)
     elif opcode == OP_FRESNEL:
-        eta = max(memory[code[pc + 3]], 1e-5)
+        eta = at_least(memory[code[pc + 3]], 1e-5)
         if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
             eta = 1.0 / eta
         cos_o = dot(read_point(points, lane, POINT_WO), read3(memory, code[pc + 4]))
@@ -441,13 +442,13 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
     elif opcode == OP_LAYER_WEIGHT:
         blend = memory[code[pc + 4]]
         cos_o = dot(read_point(points, lane, POINT_WO), read3(memory, code[pc + 5]))
-        eta = max(1.0 - blend, 1e-5)
+        eta = at_least(1.0 - blend, 1e-5)
         if not points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
             eta = 1.0 / eta
         memory[code[pc + 2]] = fresnel_dielectric(cos_o, eta)
         f = abs(cos_o)
         if blend != 0.5:
-            blend = min(max(blend, 0.0), 1.0 - 1e-5)
+            blend = clamp(blend, 0.0, 1.0 - 1e-5)
             blend = 2.0 * blend if blend < 0.5 else 0.5 / (1.0 - blend)
             f = f**blend
         memory[code[pc + 3]] = 1.0 - f
@@ -466,7 +467,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
     elif opcode == OP_LIGHT_FALLOFF:
         run_light_falloff(code, pc, memory, points.real[lane, POINT_RAY_LENGTH])
     elif opcode == OP_SATURATE:
-        memory[code[pc + 2]] = min(max(memory[code[pc + 3]], 0.0), 1.0)
+        memory[code[pc + 2]] = clamp_unit(memory[code[pc + 3]])
     elif opcode == OP_DOT:
         memory[code[pc + 2]] = dot(read3(memory, code[pc + 3]), read3(memory, code[pc + 4]))
     elif opcode >= DISPLACEMENT_FIRST:

@@ -5,13 +5,13 @@ Layout of an instruction at `pc`: opcode, length, outputs, inputs, immediates, i
 engine/shaders/nodes_texture_math.py lists them. An instruction's outputs never share memory with its inputs.
 """
 
+from engine.kernels.limits import at_least, clamp, clamp_unit
 from engine.kernels.memory import read3, write3
 from engine.kernels.shader.color_math import (
     COLOR_HSL,
     COLOR_HSV,
     blackbody,
     blend,
-    clamp_unit,
     gamma_channel,
     hsl_to_rgb,
     hsv_to_rgb,
@@ -70,7 +70,7 @@ def run_math_op(opcode, code, pc, memory, tables):
         high = memory[code[pc + 5]]
         if code[pc + 6] != 0 and low > high:
             low, high = high, low
-        memory[out] = min(max(memory[code[pc + 3]], low), high)
+        memory[out] = clamp(memory[code[pc + 3]], low, high)
     elif opcode == OP_MIX_FLOAT:
         share = memory[code[pc + 3]]
         if code[pc + 6] != 0:
@@ -172,7 +172,7 @@ def run_math_op(opcode, code, pc, memory, tables):
         contrast = memory[code[pc + 5]]
         shift = memory[code[pc + 4]] - 0.5 * contrast
         for channel in range(3):
-            memory[out + channel] = max((1.0 + contrast) * memory[code[pc + 3] + channel] + shift, 0.0)
+            memory[out + channel] = at_least((1.0 + contrast) * memory[code[pc + 3] + channel] + shift, 0.0)
     elif opcode == OP_COMBINE_COLOR:
         color = (memory[code[pc + 3]], memory[code[pc + 4]], memory[code[pc + 5]])
         if code[pc + 6] == COLOR_HSV:
@@ -231,7 +231,7 @@ def run_math_op(opcode, code, pc, memory, tables):
                 tables, code[immediates] + channel, stride, code[immediates + 1], position, interpolate, extrapolate
             )
             if opcode == OP_WAVELENGTH:
-                value = max(value, 0.0) if position >= 0.0 and position < 1.0 else 0.0
+                value = at_least(value, 0.0) if position >= 0.0 and position < 1.0 else 0.0
             elif opcode != OP_RAMP:
                 value = (1.0 - fac) * before + fac * value
             if channel < 3:

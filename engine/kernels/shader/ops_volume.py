@@ -11,6 +11,7 @@ import numpy as np
 
 from engine.kernels.bsdf.closures import average
 from engine.kernels.bsdf.phase import add_phase
+from engine.kernels.limits import at_least, clamp
 from engine.kernels.memory import read3
 from engine.kernels.shader.opcodes import VOLUME_FIRST
 from engine.kernels.vector import scale
@@ -33,12 +34,12 @@ LEAST_SPREAD = np.float32(1e-3)
 @kernel
 def _scatter(closures, lane, scattering, g, alpha, delta):
     """Append a phase function that has this much scattering."""
-    scattering = (max(scattering[0], 0.0), max(scattering[1], 0.0), max(scattering[2], 0.0))
+    scattering = (at_least(scattering[0], 0.0), at_least(scattering[1], 0.0), at_least(scattering[2], 0.0))
     mean = average(scattering)
     if not mean > 0.0:
         return
-    g = min(max(g, LEAST_SPREAD - 1.0), 1.0 - LEAST_SPREAD)
-    i = add_phase(closures, lane, mean, g, min(max(alpha, 0.0), 1e4), delta)
+    g = clamp(g, LEAST_SPREAD - 1.0, 1.0 - LEAST_SPREAD)
+    i = add_phase(closures, lane, mean, g, clamp(alpha, 0.0, 1e4), delta)
     if i >= 0:
         for c in range(3):
             closures.param[lane, i, CLOSURE_WEIGHT + c] = scattering[c]
@@ -47,29 +48,35 @@ def _scatter(closures, lane, scattering, g, alpha, delta):
 @kernel
 def _absorb(closures, lane, absorption):
     for c in range(3):
-        closures.transparency[lane, c] += max(absorption[c], 0.0)
+        closures.transparency[lane, c] += at_least(absorption[c], 0.0)
 
 
 @kernel
 def _emit(closures, lane, emission):
     for c in range(3):
-        closures.emission[lane, c] += max(emission[c], 0.0)
+        closures.emission[lane, c] += at_least(emission[c], 0.0)
 
 
 @kernel
 def _left(color):
     """What a colour lacks of white."""
-    return max(1.0 - color[0], 0.0), max(1.0 - color[1], 0.0), max(1.0 - color[2], 0.0)
+    return at_least(1.0 - color[0], 0.0), at_least(1.0 - color[1], 0.0), at_least(1.0 - color[2], 0.0)
 
 
 @kernel
 def _principled(closures, lane, weight, memory, code, pc):
-    density = weight * max(memory[code[pc + 4]], 0.0)
+    density = weight * at_least(memory[code[pc + 4]], 0.0)
     color = read3(memory, code[pc + 3])
     if density > 0.0:
         clear = read3(memory, code[pc + 5])
         rest = _left(color)
-        root = _left((math.sqrt(max(clear[0], 0.0)), math.sqrt(max(clear[1], 0.0)), math.sqrt(max(clear[2], 0.0))))
+        root = _left(
+            (
+                math.sqrt(at_least(clear[0], 0.0)),
+                math.sqrt(at_least(clear[1], 0.0)),
+                math.sqrt(at_least(clear[2], 0.0)),
+            )
+        )
         _absorb(closures, lane, scale((rest[0] * root[0], rest[1] * root[1], rest[2] * root[2]), density))
         _scatter(closures, lane, scale(color, density), memory[code[pc + 6]], 0.0 * density, 0.0 * density)
     strength = memory[code[pc + 7]]
@@ -77,7 +84,7 @@ def _principled(closures, lane, weight, memory, code, pc):
         _emit(closures, lane, scale(read3(memory, code[pc + 8]), weight * strength))
     share = memory[code[pc + 9]]
     if share > 0.0:
-        temperature = max(memory[code[pc + 11]], 0.0)
+        temperature = at_least(memory[code[pc + 11]], 0.0)
         square = temperature * temperature
         intensity = STEFAN_BOLTZMANN * (1.0 + share * (square * square - 1.0)) * weight
         tint, hot = read3(memory, code[pc + 10]), read3(memory, code[pc + 12])
@@ -96,7 +103,7 @@ def run_volume_op(opcode, closures, lane, weight, memory, code, pc):
         _emit(closures, lane, scale(read3(memory, code[pc + 5]), weight))
         _scatter(closures, lane, scattering, memory[code[pc + 6]], memory[code[pc + 7]], memory[code[pc + 8]])
         return
-    density = weight * max(memory[code[pc + 4]], 0.0)
+    density = weight * at_least(memory[code[pc + 4]], 0.0)
     color = read3(memory, code[pc + 3])
     if opcode == OP_ABSORPTION:
         _absorb(closures, lane, scale((1.0 - color[0], 1.0 - color[1], 1.0 - color[2]), density))

@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from engine.kernels.constants import HALF_PI, INV_TWO_PI, TWO_PI
+from engine.kernels.limits import at_least, clamp, clamp_unit
 from engine.kernels.rounding import floor_of
 from engine.kernels.shader.procedural_hash import unit_1, unit_2, unit_3, unit_4
 from engine.kernels.shader.procedural_noise import NOISE_FBM, Fractal, fractal_noise
@@ -53,10 +54,10 @@ def gradient(x, y, z, kind):
     if kind == GRADIENT_LINEAR:
         value = x
     elif kind == GRADIENT_QUADRATIC:
-        value = max(x, 0.0)
+        value = at_least(x, 0.0)
         value *= value
     elif kind == GRADIENT_EASING:
-        value = min(max(x, 0.0), 1.0)
+        value = clamp_unit(x)
         value = value * value * (3.0 - 2.0 * value)
     elif kind == GRADIENT_DIAGONAL:
         value = 0.5 * (x + y)
@@ -66,7 +67,7 @@ def gradient(x, y, z, kind):
         value = max(_SHRINK - math.sqrt(x * x + y * y + z * z), 0.0)
         if kind == GRADIENT_QUADRATIC_SPHERE:
             value *= value
-    return min(max(value, 0.0), 1.0)
+    return clamp_unit(value)
 
 
 @kernel
@@ -95,7 +96,7 @@ def wave(x, y, z, kind, direction, profile, distortion, detail, detail_scale, de
         angle = math.sqrt(rx * rx + ry * ry + rz * rz) * 20.0
     angle += phase
     if distortion != 0.0:
-        detail = min(max(detail, 0.0), 15.0)
+        detail = clamp(detail, 0.0, 15.0)
         fractal = Fractal(
             dimensions=3,
             kind=NOISE_FBM,
@@ -148,13 +149,13 @@ def brick(
     number = floor_of((x + shift) / brick_width)
     x = x + shift - brick_width * np.float32(number)
     y = y - row_height * np.float32(row)
-    tint = min(max(_brick_hash((row << 16) + (number & 0xFFFF)) + bias, 0.0), 1.0)
+    tint = clamp_unit(_brick_hash((row << 16) + (number & 0xFFFF)) + bias)
     distance = min(min(x, y), min(brick_width - x, row_height - y))
     if distance >= mortar_size:
         return tint, 0.0
     if mortar_smooth == 0.0:
         return tint, 1.0
-    t = min(max((1.0 - distance / mortar_size) / mortar_smooth, 0.0), 1.0)
+    t = clamp_unit((1.0 - distance / mortar_size) / mortar_smooth)
     return tint, t * t * (3.0 - 2.0 * t)
 
 

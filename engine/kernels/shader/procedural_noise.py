@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.kernels.limits import at_least, clamp
 from engine.kernels.rounding import floor_of
 from engine.kernels.shader.procedural_hash import hash_1, hash_2, hash_3, hash_4
 from engine.runtime.jit import in_python, kernel
@@ -288,8 +289,8 @@ def noise_texture(x, y, z, w, fractal, distortion, channel_count):
         The colour output; its first channel is the float output.
     """
     dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize = fractal
-    detail = min(max(detail, 0.0), 15.0)
-    roughness = max(roughness, 0.0)
+    detail = clamp(detail, 0.0, 15.0)
+    roughness = at_least(roughness, 0.0)
     clamped = Fractal(dimensions, kind, detail, roughness, lacunarity, offset, gain, normalize)
     first_row = _OFFSET_ROW_1D if dimensions == 1 else 0
     px, py, pz, pw = x, y, z, w

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.kernels.limits import clamp, clamp_unit
 from engine.kernels.rounding import floor_of
 from engine.kernels.shader.procedural_hash import pcg_2, pcg_3, pcg_4, unit_1, unit_2
 from engine.runtime.jit import kernel
@@ -284,10 +285,10 @@ def voronoi_texture(x, y, z, w, voronoi):
     dimensions, feature, metric = voronoi.dimensions, voronoi.feature, voronoi.metric
     scale, exponent = voronoi.scale, voronoi.exponent
     x, y, z, w = x * scale, y * scale, z * scale, w * scale
-    detail = min(max(voronoi.detail, 0.0), 15.0)
-    roughness = min(max(voronoi.roughness, 0.0), 1.0)
-    randomness = min(max(voronoi.randomness, 0.0), 1.0)
-    smoothness = min(max(0.5 * voronoi.smoothness, 0.0), 0.5)
+    detail = clamp(voronoi.detail, 0.0, 15.0)
+    roughness = clamp_unit(voronoi.roughness)
+    randomness = clamp_unit(voronoi.randomness)
+    smoothness = clamp(0.5 * voronoi.smoothness, 0.0, 0.5)
     if dimensions == 1:
         metric = VORONOI_EUCLIDEAN
     if feature == VORONOI_SMOOTH_F1 and smoothness == 0.0:

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from engine.kernels.limits import at_least, clamp, clamp_unit, larger, smaller
 from engine.runtime.jit import kernel
 
 #: Blender's names of the operations; an operation's code is its place here.
@@ -78,7 +79,7 @@ def math_operation(operation, a, b, c):
     if operation == _LOGARITHM:
         return safe_divide(math.log(a), math.log(b)) if a > 0.0 and b > 0.0 else 0.0
     if operation == _SQRT:
-        return math.sqrt(max(a, 0.0))
+        return math.sqrt(at_least(a, 0.0))
     if operation == _INVERSE_SQRT:
         return 1.0 / math.sqrt(a) if a > 0.0 else 0.0
     if operation == _ABSOLUTE:
@@ -86,9 +87,9 @@ def math_operation(operation, a, b, c):
     if operation == _EXPONENT:
         return math.exp(a)
     if operation == _MINIMUM:
-        return min(a, b)
+        return smaller(a, b)
     if operation == _MAXIMUM:
-        return max(a, b)
+        return larger(a, b)
     if operation == _LESS_THAN:
         return 1.0 if a < b else 0.0
     if operation == _GREATER_THAN:
@@ -132,9 +133,9 @@ def math_operation(operation, a, b, c):
     if operation == _TANGENT:
         return math.tan(a)
     if operation == _ARCSINE:
-        return math.asin(min(max(a, -1.0), 1.0))
+        return math.asin(clamp(a, -1.0, 1.0))
     if operation == _ARCCOSINE:
-        return math.acos(min(max(a, -1.0), 1.0))
+        return math.acos(clamp(a, -1.0, 1.0))
     if operation == _ARCTANGENT:
         return math.atan(a)
     if operation == _ARCTAN2:
@@ -159,14 +160,14 @@ MAP_SMOOTHERSTEP = 3
 
 
 @kernel
-def map_range(value, from_min, from_max, to_min, to_max, steps, interpolation, clamp, is_number):
+def map_range(value, from_min, from_max, to_min, to_max, steps, interpolation, is_clamped, is_number):
     """The Map Range node on one number or component.
 
     Parameters
     ----------
     interpolation : int
         MAP_*.
-    clamp : bool
+    is_clamped : bool
         Limit to the interval between `to_min` and `to_max`.
     is_number : bool
         What Cycles makes of an empty source interval: 0 for numbers (then clamped), `to_min` for vectors.
@@ -178,14 +179,14 @@ def map_range(value, from_min, from_max, to_min, to_max, steps, interpolation, c
     if interpolation == MAP_STEPPED:
         t = np.floor(t * (steps + 1.0)) / steps if steps > 0.0 else 0.0
     elif interpolation != MAP_LINEAR:
-        t = min(max(t, 0.0), 1.0)
+        t = clamp_unit(t)
         if interpolation == MAP_SMOOTHSTEP:
             t = t * t * (3.0 - 2.0 * t)
         else:
             t = t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
     result = 0.0 if is_number and width == 0.0 else to_min + t * (to_max - to_min)
-    if clamp:
-        result = min(max(result, min(to_min, to_max)), max(to_min, to_max))
+    if is_clamped:
+        result = clamp(result, min(to_min, to_max), max(to_min, to_max))
     return result
 
 
@@ -202,7 +203,7 @@ def lookup(tables, first, stride, size, position, interpolate, extrapolate):
     if extrapolate and position > 1.0:
         end = tables[first + (size - 1) * stride]
         return end + (end - tables[first + (size - 2) * stride]) * (position - 1.0) * last
-    scaled = min(max(position, 0.0), 1.0) * last
+    scaled = clamp_unit(position) * last
     index = min(max(int(scaled), 0), size - 1)
     t = scaled - np.float32(index)
     value = tables[first + index * stride]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-from engine.guiding.policy.trial import ArmSamples
+from engine.guiding.policy.trial import ArmSamples, compared_arms
 from engine.render.schedule import Iterations, PacedSchedule, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataSchedule
 from engine.settings import RenderSettings
@@ -68,7 +68,7 @@ def test_only_the_last_tiles_end_in_small_tasks() -> None:
     assert task.tile == 49
 
 
-@pytest.mark.parametrize("kind", ["unguided", "paced", "steps", "iterations"])
+@pytest.mark.parametrize("kind", ["unguided", "paced", "steps", "iterations", "compared", "tried"])
 def test_whenever_a_render_is_cancelled_its_tiles_have_nearly_as_many_samples(kind: str) -> None:
     """But for one or two tasks of an eighth of the samples, or of two, while one is in work."""
     samples, done = 300, dict.fromkeys(range(TILES), 0)
@@ -76,8 +76,8 @@ def test_whenever_a_render_is_cancelled_its_tiles_have_nearly_as_many_samples(ki
     iterations = Iterations(samples)
     schedule: Schedule = {
         "unguided": PlainSchedule(TILES, samples), "paced": PacedSchedule(TILES, samples, lambda wanted, first: wanted),
-        "steps": steps, "iterations": iterations,
-    }[kind]  # fmt: skip
+        "steps": steps,
+    }.get(kind, iterations)  # fmt: skip
     steps.begin(TILES)
     iterations.begin([ArmSamples(0, 1, CURRENT)], TILES)
     in_work: list[Task] = []
@@ -90,9 +90,12 @@ def test_whenever_a_render_is_cancelled_its_tiles_have_nearly_as_many_samples(ki
         if schedule.finish(task):
             if kind == "steps" and not steps.is_last:
                 steps.begin(TILES)
-            following = iterations.plan(0.0) if kind == "iterations" else None
+            following = iterations.plan(0.0) if schedule is iterations else None
             if following is not None:
-                iterations.begin([ArmSamples(*following, CURRENT)], TILES)
+                is_compared = kind in ("compared", "tried") and following[1] > 3
+                arms = compared_arms(*following) if is_compared else [ArmSamples(*following, CURRENT)]
+                other_arms = [ArmSamples(*following, PLAIN)] if kind == "tried" and is_compared else []
+                iterations.begin(arms, TILES, other_arms, TILES // 4)
     assert set(done.values()) == {samples}
 
 
@@ -150,8 +153,9 @@ def test_tiles_from_some_on_may_be_divided_otherwise(workers: int) -> None:
     done = run(iterations, workers, learn)
     check_samples(done, 8)
     arms = [[task.arm_samples.arm for task in done if task.tile == tile and task.step == 1] for tile in range(TILES)]
-    assert arms == [[CURRENT, PLAIN]] * 2 + [[PLAIN]] * (TILES - 2)
+    assert arms == [[CURRENT, PLAIN]] * 2 + [[PLAIN] * 2] * (TILES - 2)
     assert all(task.weighs_as == 1 for task in done if task.step == 1)
+    assert all(task.is_aside == (task.step == 1 and task.tile >= 2) for task in done)
     assert {task.arm_samples.arm for task in done if task.step == 2 and task.tile == 6} == {CURRENT, PLAIN}
 
 

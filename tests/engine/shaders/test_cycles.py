@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 pytest.importorskip("bpy")
+
+from tests.helpers.node_runner import run_node
+
 pytestmark = pytest.mark.slow
 
 SIZE = 48
@@ -210,3 +213,61 @@ def compare(bpy: Any, sphere: Any, tmp_path: Path, cases: dict[str, Source]) -> 
         if not np.quantile(error, 0.95) < 5e-3:
             failures.append(f"{name}: {np.quantile(error, 0.95):.1e}")
     assert not failures, failures
+
+
+def no_number(tree: Any) -> Any:
+    """What comes of octaves that cancel each other: their sum is divided by 0."""
+    values = {"Distortion": 1.0, "Detail": 1.0, "Detail Roughness": -1.0}
+    return node("ShaderNodeTexWave", 1, {"Vector": coordinate("Object")}, values)(tree)
+
+
+@pytest.mark.parametrize("output", [0, 1])
+def test_waves_whose_octaves_cancel_are_no_number(output: int) -> None:
+    values = {"Distortion": 1.0, "Detail": 1.0, "Detail Roughness": -1.0, "Vector": np.full((2, 3), 0.3, np.float32)}
+    assert np.isnan(run_node("ShaderNodeTexWave", ("Color", "Fac")[output], values)).all()
+
+
+def test_what_is_no_number_is_limited_as_in_cycles(blender: Any, sphere: Any, tmp_path: Path) -> None:
+    colors = {"A_Color": (0.2, 0.3, 0.4, 1.0), "B_Color": (0.7, 0.6, 0.5, 1.0)}
+
+    def mix(tree: Any) -> Any:
+        new = tree.nodes.new("ShaderNodeMix")
+        new.data_type = "RGBA"
+        tree.links.new(no_number(tree), new.inputs[0])
+        for socket in new.inputs:
+            if socket.identifier in colors:
+                socket.default_value = colors[socket.identifier]
+        return next(socket for socket in new.outputs if socket.identifier == "Result_Color")
+
+    cases = {
+        "clamp": node("ShaderNodeClamp", 0, {0: no_number}, {1: 0.3}),
+        "map range": node("ShaderNodeMapRange", 0, {0: no_number}, {3: 0.3}),
+        "mix": mix,
+        **{
+            f"{operation} {place}": node("ShaderNodeMath", 0, {place: no_number}, {1 - place: 0.5}, operation=operation)
+            for operation in ("MINIMUM", "MAXIMUM") for place in (0, 1)
+        },
+    }  # fmt: skip
+    compare(blender, sphere, tmp_path, cases)
+
+
+def test_surfaces_take_roughness_that_is_no_number_for_none(blender: Any, sphere: Any, tmp_path: Path) -> None:
+    scene = blender.context.scene
+    scene.world = blender.data.worlds.new("White")
+    if scene.world.node_tree is None:
+        scene.world.use_nodes = True
+    scene.world.node_tree.nodes["Background"].inputs[0].default_value = (1.0, 1.0, 1.0, 1.0)
+    scene.cycles.samples = scene.neuralguide.samples = 16
+    for kind in ("Diffuse", "Glossy", "Principled"):
+        material = blender.data.materials.new(kind)
+        if material.node_tree is None:
+            material.use_nodes = True
+        tree = material.node_tree
+        tree.nodes.clear()
+        surface = node(f"ShaderNodeBsdf{kind}", 0, {"Roughness": no_number})(tree)
+        tree.links.new(surface, tree.nodes.new("ShaderNodeOutputMaterial").inputs[0])
+        sphere.data.materials.clear()
+        sphere.data.materials.append(material)
+        ours, cycles = (render(blender, engine, tmp_path).mean() for engine in ("NEURALGUIDE", "CYCLES"))
+        # A white surface would differ by a fifth of the ball's share.
+        assert ours == pytest.approx(cycles, rel=3e-3), kind

@@ -28,9 +28,9 @@ _UNTOUCHED = {"Tangent", "Coat Normal", "Thin Film Thickness", "Subsurface Weigh
 #: floor has no length, by which Cycles divides.
 _OTHERS = {"BECKMANN", "ASHIKHMIN_SHIRLEY"}
 _AXES = {"ShaderNodeTangent": ("Z",)}
-#: Inputs with the least and the largest value that means the same to both. Of less detail than none, and of octaves
-#: that cancel each other, Cycles makes no number. Curves of constants are Blender's own work, which clips them. Layers
-#: of a weight of thousands make fireflies.
+#: Inputs with the least and the largest value that means the same to both. Of less detail than none Cycles makes no
+#: number; of octaves that cancel each other neither does, but normals that follow from it differ. Curves of constants
+#: are Blender's own work, which clips them. Layers of a weight of thousands make fireflies.
 #: With an index of 1 a Fresnel node's output is what is left of rounding, and so is the direction of a normal that is
 #: linked to it; far from 1 most pairs of directions that rough glass is asked about are such as no facet connects
 #: (docs/differences.md). Media that take away less than nothing mean nothing.

@@ -90,8 +90,8 @@ def test_units_without_guided_pixels_are_told_apart() -> None:
     question = Asking("one")
     agenda = Agenda([question])
     agenda.plan(iteration())
-    for first, arm in ((16, CURRENT), (24, CHALLENGER), (16, PLAIN), (24, PLAIN)):
-        unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), first, 8, arm)
+    for arm, is_aside in ((CURRENT, False), (CHALLENGER, False), (PLAIN, True), (PLAIN, False)):
+        unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int64), 16, 8, arm, is_aside=is_aside)
         agenda.observe(unit, allocate_tile(1, 3), 1.0)
     assert question.observed == [False, False, True, False]
 
