@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 
 from engine.scene.description import Image, Material, Mesh, Notice
+from engine.scene.dicing import Dicing
 
 
 class ExportCancelled(Exception):
@@ -152,8 +153,8 @@ class ExportContext:
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     #: Levels that `subdivision` has found for meshes that Cycles would dice, by the address of the original object.
     subdivision_levels: dict[int, int] = field(default_factory=dict)
-    #: How meshes are divided further for their displacement (`dicing.DicedObject`), by the same.
-    diced: dict[int, Any] = field(default_factory=dict)
+    #: How meshes are divided further for their displacement , by the same.
+    diced: dict[int, Dicing] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)
 
     def notice(self, subject: str, problem: str, fallback: str) -> None:

@@ -73,7 +73,7 @@ def export_kept(
         context.cache.meshes.pop(identity, None)
         return None
     if diced is not None:
-        exported.dicing = diced.dicing(exported.vertices)
+        exported.dicing = diced
     if kept is not None and is_equal(kept.mesh, exported):
         exported = kept.mesh
     else:

@@ -20,12 +20,14 @@ from engine.scene.description import Frame
 
 from ..versions import SETTINGS, is_since, read_setting
 from .context import ExportContext, cycles_property
-from .dicing import DicedObject, dicing_view, rate_of
+from .dicing import dicing_of, rate_of
 
 #: Faces that any mesh may have.
 _FEWEST_FACES = 1 << 16
 #: Faces of a mesh for each place that the dicing rate has in the picture: the rest is out of sight, or smaller.
 _FACES_PER_PLACE = 2.0
+#: Faces of a mesh that is diced besides: flat ones between them are not seen to be flat.
+_ROUND_FACES = 1 << 13
 
 
 def diced_modifier(scene: bpy.types.Scene, shown: bpy.types.Object) -> Any:
@@ -63,14 +65,10 @@ def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: F
             continue
         context.check_cancel()
         is_diced = _may_displace(item)
-        level = _visible_level(context, item, modifier, camera, frame, 0.0 if is_diced else _FACES_PER_PLACE)
+        level = _visible_level(context, item, modifier, camera, frame, is_diced)
         if is_diced:
             most = max(int(cycles_property(context.scene, "max_subdivisions", 12)) - level, 0)
-            view = None
-            if modifier.adaptive_space != "OBJECT":
-                view = dicing_view(context.scene, context.depsgraph, camera, frame)
-            to_world = np.array(item.matrix_world, np.float64)
-            found = DicedObject(view, rate_of(context.scene, modifier), to_world, most)
+            found = dicing_of(context, item, modifier, camera, frame, most)
             context.diced[item.original.as_pointer()] = found
         if is_diced or level < modifier.render_levels:
             context.subdivision_levels[item.original.as_pointer()] = level
@@ -107,9 +105,9 @@ def _read_at_level(context: ExportContext, item: bpy.types.Object, modifier: Any
 
 def _visible_level(
     context: ExportContext, item: bpy.types.Object, modifier: Any, camera: bpy.types.Object, frame: Frame,
-    faces_per_place: float,
+    is_diced: bool,
 ) -> int:
-    """How many times the picture can show a mesh's faces divided, at the dicing rate, for so many faces a place."""
+    """How many times the picture can show a mesh's faces divided, at the dicing rate; if it is diced, until round."""
     mesh = _read_at_level(context, item, modifier, 0)
     try:
         positions = np.empty(3 * len(mesh.vertices), np.float32)
@@ -130,7 +128,10 @@ def _visible_level(
         longest = _longest_edge(context, ends, np.array(item.matrix_world, np.float64), camera, frame) / rate
         places /= max(rate, 1.0) ** 2
     # Each corner becomes a face, and each face four.
-    most = 1.0 + math.log(max(faces_per_place * places, _FEWEST_FACES) / corner_count, 4.0)
+    faces = _ROUND_FACES if is_diced else max(_FACES_PER_PLACE * places, _FEWEST_FACES)
+    most = 1.0 + math.log(faces / corner_count, 4.0)
+    if is_diced and modifier.subdivision_type == "SIMPLE":
+        most = 1.0
     needed = math.ceil(math.log2(max(longest, 1.0)))
     # Once at least: without any subdivision the level that Blender has taken note of would stay.
     return max(1, min(needed, math.floor(most), int(cycles_property(context.scene, "max_subdivisions", 12))))

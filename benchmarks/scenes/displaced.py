@@ -137,23 +137,23 @@ def instances() -> None:
 
 @scene("displaced-dunes")
 def dunes() -> None:
-    """A single face, diced by the size of a pixel, with dunes as far as the horizon."""
+    """A single face, diced by half the size of a pixel, with dunes."""
     resolution()
-    camera((0.0, -6.0, 0.9), (0.0, 0.0, 0.2))
+    camera((0.0, -6.0, 2.6), (0.0, 0.0, 0.2))
     world((0.3, 0.4, 0.6))
     light("SUN", 3.0, (3.0, 1.0, 1.5), angle=0.05)
 
     def heights(nodes: Nodes) -> Socket:
         place = nodes("TexCoord", output="Object")
-        wave = nodes("TexWave", {"bands_direction": "Y"}, Vector=place, Scale=0.4, Distortion=4.0, Detail=2.0)
+        wave = nodes("TexWave", {"bands_direction": "Y"}, Vector=place, Scale=0.4, Distortion=4.0, Detail=0.0)
         high = nodes("Math", {"operation": "MULTIPLY"}, inputs={0: noise(nodes, "Object", 0.2), 1: 1.5})
         both = nodes("Math", {"operation": "ADD"}, inputs={0: wave, 1: high})
         return nodes("Displacement", Height=both, Midlevel=1.0, Scale=0.3)
 
-    data = quad("Dunes", displaced(heights, color=(0.8, 0.6, 0.35)), 60.0, 60.0)
-    modifier = add_object("Dunes", data, (0.0, 20.0, 0.0)).modifiers.new("Subdivision", "SUBSURF")
+    data = quad("Dunes", displaced(heights, color=(0.8, 0.6, 0.35)), 24.0, 24.0)
+    modifier = add_object("Dunes", data, (0.0, 5.0, 0.0)).modifiers.new("Subdivision", "SUBSURF")
     modifier.subdivision_type, modifier.render_levels = "SIMPLE", 11
     if hasattr(modifier, "use_adaptive_subdivision"):
-        modifier.use_adaptive_subdivision = True
+        modifier.use_adaptive_subdivision, modifier.adaptive_pixel_size = True, 0.5
     else:
         modifier.render_levels = 8

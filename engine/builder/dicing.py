@@ -19,11 +19,13 @@ from engine.scene.description import Attribute, Mesh
 from engine.scene.dicing import Dicing
 from engine.scene.limits import check_memory_of
 
-#: Edges are halved that are longer than this many of the lengths they may have: of halves of all lengths between this
-#: and half of it as many are too long as are too short.
-_TOO_LONG = 1.4
+#: Edges are halved that are longer than this many of the lengths they may have. By halves alone edges come out between
+#: this and half of it; with it there are as many triangles as Cycles makes, which divides edges into any number.
+_TOO_LONG = 1.7
 #: Triangles that a square of one length each way becomes.
 _TRIANGLES_PER_SQUARE = 2.3
+#: No edge need be shorter.
+_LEAST = 1e-12
 #: Corners of what a triangle becomes: 0 to 2 are its own, 3 to 5 the middles of its edges, the first of which begins at
 #: corner 0. By how many edges are halved: the first, the first two with either diagonal, all.
 _HALVED_ONE = ((0, 3, 2), (3, 1, 2))
@@ -80,7 +82,7 @@ def estimated_count(mesh: Mesh, dicing: Dicing) -> int:
     a, b, c = (positions[mesh.triangles[:, corner]].astype(np.float64) for corner in range(3))
     with np.errstate(invalid="ignore", over="ignore"):
         areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        counts = _TRIANGLES_PER_SQUARE * areas / np.square(lengths[mesh.triangles].mean(axis=1, dtype=np.float64))
+        counts = _TRIANGLES_PER_SQUARE * areas / np.square(lengths[mesh.triangles].min(axis=1))
     return int(np.clip(np.nan_to_num(counts, posinf=4.0**dicing.level), 1.0, 4.0**dicing.level).sum())
 
 
@@ -92,7 +94,7 @@ def diced(mesh: Mesh, dicing: Dicing, check_cancel: Callable[[], None] = lambda:
     finished = []
     for _ in range(dicing.level):
         check_cancel()
-        part, points, rest = _halve(part, points)
+        part, points, rest = _halve(part, points, dicing)
         finished.append(rest)
         if not len(part.base):
             break
@@ -109,9 +111,14 @@ def diced(mesh: Mesh, dicing: Dicing, check_cancel: Callable[[], None] = lambda:
 
 
 def _measured(mesh: Mesh, dicing: Dicing) -> tuple[np.ndarray, np.ndarray]:
-    """Positions in the space of the lengths, and the lengths, with no zeros among them."""
-    positions = (mesh.vertices @ dicing.to_lengths.T).astype(np.float32)
-    return positions, np.maximum(dicing.lengths, np.float32(1e-12))
+    """Positions in the space in which edges are measured, and how long they may be there."""
+    finite = np.nan_to_num(mesh.vertices.astype(np.float64), posinf=0.0, neginf=0.0)
+    positions = finite @ dicing.to_space[:, :3].T + dicing.to_space[:, 3]
+    return positions, _lengths(dicing, positions)
+
+
+def _lengths(dicing: Dicing, positions: np.ndarray) -> np.ndarray:
+    return np.maximum(dicing.lengths_at(positions), _LEAST)
 
 
 def _first(mesh: Mesh, dicing: Dicing) -> tuple[_Part, _Points]:
@@ -126,7 +133,7 @@ def _first(mesh: Mesh, dicing: Dicing) -> tuple[_Part, _Points]:
     return part, _Points(positions, lengths, (of_corner // 3).astype(np.int32), places.reshape(-1, 2)[of_corner])
 
 
-def _halve(part: _Part, points: _Points) -> tuple[_Part, _Points, _Part]:
+def _halve(part: _Part, points: _Points, dicing: Dicing) -> tuple[_Part, _Points, _Part]:
     """Triangles divided once, vertices with those in between, and the triangles that were short enough."""
     following = np.roll(part.corners, -1, axis=1)
     is_long = _are_long(points, part.corners, following)
@@ -141,9 +148,10 @@ def _halve(part: _Part, points: _Points) -> tuple[_Part, _Points, _Part]:
     middles[rows, edges] = count + of_edge.reshape(-1)
     places = 0.5 * (part.places + np.roll(part.places, -1, axis=1))
     low, high = ends[first].T
+    between = 0.5 * (points.positions[low] + points.positions[high])
     points = _Points(
-        np.concatenate([points.positions, np.float32(0.5) * (points.positions[low] + points.positions[high])]),
-        np.concatenate([points.lengths, np.float32(0.5) * (points.lengths[low] + points.lengths[high])]),
+        np.concatenate([points.positions, between]),
+        np.concatenate([points.lengths, _lengths(dicing, between)]),
         np.concatenate([points.base, part.base[rows[first]]]),
         np.concatenate([points.places, places[rows[first], edges[first]]]),
     )
@@ -159,7 +167,7 @@ def _are_long(points: _Points, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     squared = np.einsum("ijk,ijk->ij", gaps, gaps)
     first, second = points.lengths[a], points.lengths[b]
     low, high = np.minimum(first, second), np.maximum(first, second)
-    wanted = np.float32(0.75 * _TOO_LONG) * low + np.float32(0.25 * _TOO_LONG) * high
+    wanted = _TOO_LONG * (0.75 * low + 0.25 * high)
     result: np.ndarray = squared > wanted * wanted
     return result
 
