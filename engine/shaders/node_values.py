@@ -14,7 +14,7 @@ from engine.scene.description import Image, Link, Node, NodeGraph
 from engine.shaders import nodes_bump, nodes_closure, nodes_image, nodes_input, nodes_texture_math
 from engine.shaders.arithmetic import Arithmetic
 from engine.shaders.pools import ScenePools
-from engine.shaders.program import Constant, Instruction, Register, Value
+from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
 from engine.shaders.vocabulary import SETTINGS, unknown_parts
 
@@ -43,11 +43,6 @@ class NodeValues:
         Whether voxels there are interpolated by cubic splines.
     is_displaced : bool
         Whether the surface has been displaced.
-
-    Attributes
-    ----------
-    footprint_ratio : Value or None
-        By how much the footprint is larger where the point has been put than where it was; None: it was not put there.
     """
 
     def __init__(
@@ -58,7 +53,6 @@ class NodeValues:
         self.is_inside = is_inside
         self.has_smooth_voxels = has_smooth_voxels
         self.is_displaced = is_displaced
-        self.footprint_ratio: Value | None = None
         self.graph = graph
         self.pools = pools
         self.arithmetic = Arithmetic(pools)
@@ -202,8 +196,6 @@ class NodeBuilder:
             given = given.otherwise
         if given is None:
             given = socket.default
-        if isinstance(given, (Constant, Register)):
-            return given
         if isinstance(given, Implicit):
             operation = nodes_input.IMPLICIT[given](self.node, self)
             return values.arithmetic.convert(values.emit(operation, self)[0], VECTOR, socket.type)
@@ -247,14 +239,6 @@ class NodeBuilder:
     def is_displaced(self) -> bool:
         """Whether the surface has been displaced."""
         return self._values.is_displaced
-
-    @property
-    def position_width(self) -> float | Value:
-        """`filter_width`, for what is displaced by its position."""
-        ratio = self._values.footprint_ratio
-        if ratio is None or not self.filter_width:
-            return self.filter_width
-        return self._values.arithmetic.multiply(Constant((self.filter_width,)), ratio)
 
     @property
     def has_smooth_voxels(self) -> bool:

@@ -59,15 +59,11 @@ def read(opcode: int, type_: SocketType, *immediates: int) -> Callable[[Node, An
     return lambda node, builder: operation
 
 
-#: Instructions that find the displaced point by its barycentrics, not by its position.
-_BY_BARYCENTRICS = (ops.OP_GENERATED, ops.OP_OBJECT_NORMAL, ops.OP_PARAMETRIC)
-
-
 def displaced(opcode: int) -> Callable[[Node, Any], Operation]:
     """Output of an instruction `vector <- width | axis`."""
 
     def lower(node: Node, builder: Any) -> Operation:
-        width = Socket("", FLOAT, builder.filter_width if opcode in _BY_BARYCENTRICS else builder.position_width)
+        width = Socket("", FLOAT, builder.filter_width)
         return Operation(opcode, (width,), (Socket("", VECTOR),), (builder.axis,), is_varying=True)
 
     return lower

@@ -223,7 +223,6 @@ class SurfaceCompiler:
         self._effect(ops_input.OP_SET_NORMAL, bumped)
         if position is not None:
             self._effect(ops_displacement.OP_SET_POSITION, position)
-            self._values.footprint_ratio = None
         # What follows must read the point again.
         self._values.forget()
 
@@ -244,9 +243,8 @@ class SurfaceCompiler:
     def _undisplace(self) -> Value:
         """Put the point where it was before displacement, for the bump of what is finer; where it is now."""
         slots = (self._pools.attribute_slot(UNDISPLACED), self._pools.attribute_slot(VERTEX_NORMALS))
-        index = self._code.append_effect(Instruction(ops_displacement.OP_UNDISPLACE, (), (3, 1), slots))
+        index = self._code.append_effect(Instruction(ops_displacement.OP_UNDISPLACE, (), (3,), slots))
         self._roots[MODE_CLOSURES].append(index)
-        self._values.footprint_ratio = Register(index, 1, 1)
         self._values.forget()
         return Register(index, 0, 3)
 

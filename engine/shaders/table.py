@@ -55,7 +55,6 @@ from typing import Any, Protocol
 import numpy.typing as npt
 
 from engine.scene.description import Node
-from engine.shaders.program import Value
 
 
 class SocketType(Enum):
@@ -94,12 +93,12 @@ class Implicit(Enum):
 class Socket:
     """One socket: `identifier` as in `Node.inputs` and `Link.output`.
 
-    `default` is used where the node gives no value; float, 3-tuple, `Implicit`, or a `Value`. Outputs ignore it.
+    `default` is used where the node gives no value; float, 3-tuple, or `Implicit`. Outputs ignore it.
     """
 
     identifier: str
     type: SocketType
-    default: float | tuple[float, ...] | Implicit | Value = 0.0
+    default: float | tuple[float, ...] | Implicit = 0.0
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,6 @@
 Comments give each instruction as `outputs <- inputs | immediates`.
 """
 
-import math
-
-import numpy as np
-
 from engine.kernels.memory import read3, write3
 from engine.kernels.motion import direction_to_object, direction_to_world, normal_to_world, point_to_world
 from engine.kernels.shader.opcodes import DISPLACEMENT_FIRST
@@ -36,7 +32,7 @@ from engine.state.lanes import (
 
 OP_DISPLACEMENT = DISPLACEMENT_FIRST + 0  # vector <- height, midlevel, scale, normal | in object space
 OP_VECTOR_DISPLACEMENT = DISPLACEMENT_FIRST + 1  # vector <- vector, midlevel, scale | space, tangent slot, uv slot
-OP_UNDISPLACE = DISPLACEMENT_FIRST + 2  # position, ratio <- | slots of positions and of normals: the point as it was
+OP_UNDISPLACE = DISPLACEMENT_FIRST + 2  # position <- | slots of positions and of normals: the point is as it was
 OP_SET_POSITION = DISPLACEMENT_FIRST + 3  # <- position
 
 #: Spaces of a vector displacement.
@@ -71,21 +67,12 @@ def undisplaced_footprint(geometry, points, lane, slot, axis):
 
 @kernel
 def undisplace(geometry, points, lane, slot, normal_slot):
-    """Put a point where it was before displacement, with the smooth normal that it had.
-
-    Returns
-    -------
-    ratio : float32, of the footprint's radius there to that here
-    """
+    """Put a point where it was before displacement, with the smooth normal that it had."""
     instance = points.integer[lane, POINT_INSTANCE]
     time = points.real[lane, POINT_TIME]
-    ratio = np.float32(1.0)
     p, has_position = attribute_here(geometry, points, lane, slot)
     if instance < 0 or not has_position:
-        return ratio
-    dx = direction_to_world(geometry, instance, time, undisplaced_footprint(geometry, points, lane, slot, 1))
-    dy = direction_to_world(geometry, instance, time, undisplaced_footprint(geometry, points, lane, slot, 2))
-    ratio = 0.5 * (math.sqrt(dot(dx, dx)) + math.sqrt(dot(dy, dy)))
+        return
     p = point_to_world(geometry, instance, time, p)
     n, has_normal = attribute_here(geometry, points, lane, normal_slot)
     for k in range(3):
@@ -96,7 +83,6 @@ def undisplace(geometry, points, lane, slot, normal_slot):
             n = negate(n)
         for k in range(3):
             points.real[lane, POINT_NS + k] = n[k]
-    return ratio
 
 
 @kernel
@@ -142,7 +128,7 @@ def run_displacement_op(opcode, code, pc, memory, geometry, points, lane):
         write3(memory, code[pc + 2], c)
     elif opcode == OP_UNDISPLACE:
         write3(memory, code[pc + 2], read_point(points, lane, POINT_P))
-        memory[code[pc + 3]] = undisplace(geometry, points, lane, code[pc + 4], code[pc + 5])
+        undisplace(geometry, points, lane, code[pc + 3], code[pc + 4])
     elif opcode == OP_SET_POSITION:
         p = read3(memory, code[pc + 2])
         for k in range(3):
