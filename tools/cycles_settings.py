@@ -92,7 +92,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "Subdivision", "scene.cycles",
         (
             *_rows("said", "dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
-                   "meshes are not diced, but divided evenly, and no more often than this asks for"),
+                   "meshes that materials displace are diced; others are divided evenly, as often as this asks for"),
             *_rows("no", "preview_dicing_rate", "viewports divide meshes as often as their modifiers say"),
         ),
     ),

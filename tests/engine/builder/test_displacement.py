@@ -58,9 +58,10 @@ def vertices_of(scene: Scene, instance: int = 0) -> np.ndarray:
     return scene.geometry.vertices[first : first + count]
 
 
-def test_heights_move_vertices_along_their_normals() -> None:
-    scene = built(square(), [displaced(graph())])
-    assert np.allclose(vertices_of(scene), square().vertices + (0, 0, 1.0), atol=1e-6)
+@pytest.mark.parametrize("height", [0.75, -0.25, 1e6])
+def test_heights_move_vertices_along_their_normals(height: float) -> None:
+    scene = built(square(), [displaced(graph(by=height))])
+    assert np.allclose(vertices_of(scene), square().vertices + (0, 0, 2.0 * (height - 0.25)), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("space", ["OBJECT", "WORLD", "TANGENT"])

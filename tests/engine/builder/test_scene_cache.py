@@ -36,6 +36,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.scene.instances import plain_instances
 from engine.settings import RenderSettings
@@ -209,6 +210,10 @@ def _set(path: str, value: Any) -> Change:
     return change
 
 
+def _all(**values: Any) -> Change:  # several at once, by paths with __ for points
+    return lambda d: [_set(path.replace("__", "."), value)(d) for path, value in values.items()]
+
+
 def _edit(path: str, edit: Callable[[Any], Any]) -> Change:
     """Assign what `edit` makes of the attribute."""
 
@@ -278,8 +283,7 @@ CHANGES: dict[str, list[Change]] = {
     "SceneDescription.notices": [_set("notices", [Notice("a", "b", "c")])],
     "SceneDescription.working_space": [_set("working_space", "ACEScg")],
     "SceneDescription.to_xyz": [
-        _set("to_xyz", (np.linalg.inv(XYZ_TO_REC709) @ np.diag([0.9, 1.0, 1.1])).astype(np.float32))
-    ],
+        _set("to_xyz", (np.linalg.inv(XYZ_TO_REC709) @ np.diag([0.9, 1.0, 1.1])).astype(np.float32))],
     "SceneDescription.frame_current": [_set("frame_current", 7.0)],
     "SceneDescription.shutter": [_set("shutter", (0.0, 0.5))],
     "SceneDescription.shutter_curve": [_set("shutter_curve", None),
@@ -290,10 +294,9 @@ CHANGES: dict[str, list[Change]] = {
     "Camera.transform": [_set("camera.transform", _at(0.5, 0, 7))],
     "Camera.lens": [_set("camera.lens", 35.0)],
     "Camera.sensor_width": [_set("camera.sensor_width", 30.0)],
-    "Camera.sensor_height": [lambda d: (_set("camera.sensor_fit", "VERTICAL")(d),
-                                        _set("camera.sensor_height", 9.0)(d))],
+    "Camera.sensor_height": [_all(camera__sensor_fit="VERTICAL", camera__sensor_height=9.0)],
     "Camera.sensor_fit": [_set("camera.sensor_fit", "VERTICAL")],
-    "Camera.ortho_scale": [lambda d: (_set("camera.kind", "ORTHO")(d), _set("camera.ortho_scale", 3.0)(d))],
+    "Camera.ortho_scale": [_all(camera__kind="ORTHO", camera__ortho_scale=3.0)],
     "Camera.shift_x": [_set("camera.shift_x", 0.2)],
     "Camera.shift_y": [_set("camera.shift_y", 0.2)],
     "Camera.clip_start": [_set("camera.clip_start", 7.7)],
@@ -304,14 +307,10 @@ CHANGES: dict[str, list[Change]] = {
     "Camera.aperture_blades": [_set("camera.aperture_blades", 5)],
     "Camera.aperture_rotation": [_set("camera.aperture_rotation", 0.4)],
     "Camera.aperture_ratio": [_set("camera.aperture_ratio", 2.0)],
-    "Camera.latitude_min": [lambda d: (_set("camera.kind", "PANO_EQUIRECTANGULAR")(d),
-                                       _set("camera.latitude_min", -1.0)(d))],
-    "Camera.latitude_max": [lambda d: (_set("camera.kind", "PANO_EQUIRECTANGULAR")(d),
-                                       _set("camera.latitude_max", 1.0)(d))],
-    "Camera.longitude_min": [lambda d: (_set("camera.kind", "PANO_EQUIRECTANGULAR")(d),
-                                        _set("camera.longitude_min", -2.0)(d))],
-    "Camera.longitude_max": [lambda d: (_set("camera.kind", "PANO_EQUIRECTANGULAR")(d),
-                                        _set("camera.longitude_max", 2.0)(d))],
+    "Camera.latitude_min": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__latitude_min=-1.0)],
+    "Camera.latitude_max": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__latitude_max=1.0)],
+    "Camera.longitude_min": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__longitude_min=-2.0)],
+    "Camera.longitude_max": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__longitude_max=2.0)],
     "Camera.motion": [_set("camera.motion", None)],
     "Camera.lens_motion": [_set("camera.lens_motion", None)],
     "Frame.width": [_set("frame.width", 9)],
@@ -360,13 +359,14 @@ CHANGES: dict[str, list[Change]] = {
     "Material.pass_index": [_set("materials.2.pass_index", 3)],
     "Material.use_bump_map_correction": [_set("materials.2.use_bump_map_correction", False)],
     # What has voxels inside.
-    "Material.has_smooth_voxels": [lambda d: (_set("meshes.0.grids", {"Tint": _grid()})(d),
-                                              _set("materials.0.graph", _VOXELS)(d),
-                                              _set("materials.0.has_smooth_voxels", True)(d))],
+    "Material.has_smooth_voxels": [_all(
+        meshes__0__grids={"Tint": _grid()}, materials__0__graph=_VOXELS, materials__0__has_smooth_voxels=True)],
     "Material.use_transparent_shadow": [_set("materials.3.use_transparent_shadow", False)],
     "Material.emission_sampling": [_set("materials.1.emission_sampling", "BACK"),
                                    _set("materials.1.emission_sampling", "NONE")],
     "Material.dispersion": [_set("materials.0.dispersion", 0.02)],
+    "Material.displacement_method": [_all(
+        materials__2__graph__displacement=Link(4, "Vector"), materials__2__displacement_method="BOTH")],
     "Material.user": [_set("materials.0.user", "Somebody")],
     "NodeGraph.nodes": [_append("materials.0.graph.nodes", Node("ShaderNodeMath", "Unused")),
                         _edit("materials.1.graph.nodes", lambda n: n[:2])],
@@ -416,10 +416,10 @@ CHANGES: dict[str, list[Change]] = {
     "Mesh.default_color": [_set("meshes.0.default_color", "Tone")],
     "Mesh.texture_space": [_set("meshes.0.texture_space", np.array([(0, 0, 0), (3, 3, 3)], np.float32))],
     "Mesh.motion_vertices": [_edit("meshes.3.motion_vertices", lambda v: 1.1 * v),
-                             lambda d: (_set("meshes.3.motion_vertices", None)(d),
-                                        _set("meshes.3.motion_normals", None)(d))],
+                             _all(meshes__3__motion_vertices=None, meshes__3__motion_normals=None)],
     "Mesh.grids": [_set("meshes.0.grids", {"Tint": _grid()})],
     "Mesh.volume_motion": [_set("meshes.0.volume_motion", VolumeMotion(_grid(), 0.5, 2.0))],
+    "Mesh.dicing": [_set("meshes.0.dicing", Dicing(2, np.eye(3, 4), 0.3, 0.0, np.zeros((0, 4)), 0.0))],
     "Mesh.motion_normals": [_edit("meshes.3.motion_normals", lambda n: n[..., ::-1].copy())],
     "Instances.mesh": [_edit("instances.mesh", _with_entry(1, 3)), _edit("instances.mesh", _with_entry(1, 1))],
     "Instances.transform": [_edit("instances.transform", _with_entry(k, _at(0.5, 0.5, 0.5))) for k in (0, 2, 5)]
