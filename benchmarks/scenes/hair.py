@@ -20,8 +20,7 @@ def _fur(name: str, surface: Surface, shape: str, **settings: Any) -> None:
     """A ball of fur on the lit stage."""
     lit_stage()
     bpy.context.scene.cycles_curves.shape = shape
-    ball = sphere("ball", material(name, surface), 0.7)
-    ball.location = (0.0, 0.0, 1.0)
+    ball = add_object("ball", sphere("ball", material(name, surface), 0.7), (0.0, 0.0, 1.0))
     system = ball.modifiers.new("fur", "PARTICLE_SYSTEM").particle_system
     hair = system.settings
     hair.type, hair.count, hair.hair_length, hair.render_step = "HAIR", 300, 0.5, 3
