@@ -16,10 +16,10 @@ def _brown(nodes: Nodes) -> Socket:
     return nodes("BsdfDiffuse", Color=(0.7, 0.45, 0.25))
 
 
-def _fur(name: str, surface: Surface, shape: str, **settings: Any) -> None:
+def _fur(name: str, surface: Surface, drawn_as: str, **settings: Any) -> None:
     """A ball of fur on the lit stage."""
     lit_stage()
-    bpy.context.scene.cycles_curves.shape = shape
+    bpy.context.scene.cycles_curves.shape = drawn_as
     ball = add_object("ball", sphere("ball", material(name, surface), 0.7), (0.0, 0.0, 1.0))
     system = ball.modifiers.new("fur", "PARTICLE_SYSTEM").particle_system
     hair = system.settings
