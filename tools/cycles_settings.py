@@ -135,7 +135,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
     ("Bake", "scene.cycles", (*_rows("no", "bake_type", "NeuralGuide does not bake"),)),
     (
         "Curves", "scene.cycles_curves",
-        (*_rows("no need", "shape subdivisions", "there is no hair: a message names objects that have it"),),
+        (*_rows("works", "shape subdivisions"),),
     ),
     (
         "View Layer", "view_layer.cycles",

@@ -13,6 +13,7 @@ from benchmarks.scenes import (
     failures,
     furnished,
     geometry,
+    hair,
     lights,
     limits,
     media,
@@ -26,5 +27,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "lights", "limits", "media", "motion", "principled", "rooms", "spectral", "textures",
+    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
+    "textures",
 ]  # fmt: skip

@@ -83,8 +83,9 @@ def test_a_render_leaves_what_it_said_for_the_panel(cube_scene: Any) -> None:
     from addon import last_render
 
     cube = cube_scene.objects["Cube"]
-    cube.modifiers.new("Hair", "PARTICLE_SYSTEM")
-    cube.particle_systems[0].settings.type = "HAIR"
+    tree = cube.data.materials[0].node_tree
+    shader = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    tree.links.new(tree.nodes.new("ShaderNodeTexIES").outputs[0], shader.inputs["Roughness"])
     cube_scene.neuralguide.guiding_method = "AUTO"
     bpy.ops.render.render()
     (outcome,) = last_render.last_outcomes(cube_scene)

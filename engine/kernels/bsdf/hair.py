@@ -127,6 +127,8 @@ def eval_hair_transmission(param, channels, lane, i, n, wo, wi, factor, out, row
         return 0.0
     around = param[lane, i, _AROUND]
     rest = PI - math.acos(cos_phi)
+    if rest > _HALF_PI:
+        return 0.0
     whole = 2.0 * math.atan(_HALF_PI / around)
     pdf = around / (whole * (rest * rest + around * around)) * _density_along(param, lane, i, theta_o, theta_i)
     return _add(param, channels, lane, i, pdf, factor, out, row)

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hair, curves and point clouds in the description."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES
+from tests.helpers.blender_scenes import empty_scene, export, render_and_export
+
+
+@pytest.fixture
+def scene(blender: Any) -> Any:
+    return empty_scene()
+
+
+def _info_material(kind: str = "ShaderNodeHairInfo", output: str = "Random") -> Any:
+    import bpy
+
+    material = bpy.data.materials.new("Info")
+    material.use_nodes = True
+    tree = material.node_tree
+    shader = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    tree.links.new(tree.nodes.new(kind).outputs[output], shader.inputs["Roughness"])
+    return material
+
+
+def _add_curves(scene: Any, sizes: list[int]) -> Any:
+    import bpy
+
+    data = bpy.data.hair_curves.new("Strands")
+    data.add_curves(sizes)
+    positions = np.zeros((sum(sizes), 3), np.float32)
+    positions[:, 0] = np.arange(sum(sizes))
+    data.position_data.foreach_set("vector", positions.ravel())
+    data.materials.append(_info_material())
+    scene.collection.objects.link(bpy.data.objects.new("Strands", data))
+    return data
+
+
+def _furry_square(**settings: Any) -> Any:
+    import bpy
+
+    bpy.ops.mesh.primitive_plane_add(size=2.0)
+    square = bpy.context.object
+    square.data.materials.append(_info_material())
+    system = square.modifiers.new("Fur", "PARTICLE_SYSTEM").particle_system
+    hair = system.settings
+    hair.type, hair.count, hair.hair_length, hair.render_step = "HAIR", 7, 1.0, 2
+    for key, value in settings.items():
+        setattr(hair, key, value)
+    return square
+
+
+def test_curves_are_segments_between_their_keys(scene: Any) -> None:
+    data = _add_curves(scene, [3, 1, 2])
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", np.arange(6, dtype=np.float32))
+    (mesh,) = export().meshes
+    # One key makes no segment, as in Cycles.
+    assert mesh.triangles.tolist() == [[0, 1, 0], [1, 2, 0], [4, 5, 4]]
+    assert mesh.rounds.shape == RIBBONS and mesh.rounds.radii.tolist() == [0, 1, 2, 3, 4, 5]
+    assert mesh.attributes["curve_intercept"].data.ravel().tolist() == [0.0, 0.5, 1.0, 0.0, 0.0, 1.0]
+    assert mesh.attributes["curve_length"].data.ravel().tolist() == [2.0, 2.0, 1.0]
+    random = mesh.attributes["curve_random"].data.ravel()
+    assert random[0] == random[1] != random[2] and (0.0 <= random).all() and (random <= 1.0).all()
+
+
+@pytest.mark.parametrize(("setting", "shape"), [("THICK", ROUND), ("THICK_LINEAR", ROUND_LINEAR)])
+def test_the_scene_says_the_shape(scene: Any, setting: str, shape: str) -> None:
+    scene.cycles_curves.shape, scene.cycles_curves.subdivisions = setting, 3
+    _add_curves(scene, [2])
+    (mesh,) = export().meshes
+    assert (mesh.rounds.shape, mesh.rounds.subdivisions) == (shape, 3)
+
+
+def test_hair_grows_on_its_mesh_and_can_do_without_it(scene: Any) -> None:
+    square = _furry_square(root_radius=1.0, tip_radius=0.0, radius_scale=0.5, use_close_tip=True)
+    description = render_and_export(scene)
+    plain, hair = description.meshes
+    assert plain.rounds is None and description.instances.name == ["Plane", "Plane"]
+    assert len(hair.triangles) == 7 * 4
+    # By the length so far: Blender's keys are not quite evenly spaced.
+    assert hair.rounds.radii.reshape(7, 5)[0].tolist() == pytest.approx([0.25, 0.1875, 0.125, 0.0625, 0.0], abs=0.005)
+    roots = hair.vertices.reshape(7, 5, 3)[:, 0]
+    assert np.abs(roots[:, 2]).max() < 1e-5 and np.abs(roots).max() <= 1.0 + 1e-5
+    uv = hair.attributes[hair.default_uv]
+    assert uv.domain == "FACE" and np.allclose(uv.data.reshape(7, 4, 2)[:, 0], 0.5 * (roots[:, :2] + 1.0), atol=1e-3)
+    square.show_instancer_for_render = False
+    (alone,) = render_and_export(scene).meshes
+    assert alone.rounds is not None
+
+
+def test_children_stand_for_their_parents(scene: Any) -> None:
+    _furry_square(child_type="INTERPOLATED", rendered_child_count=4)
+    hair = render_and_export(scene).meshes[1]
+    assert len(hair.triangles) == 7 * 4 * 4
+
+
+def test_a_view_layer_may_leave_hair_out(scene: Any) -> None:
+    _furry_square()
+    scene.view_layers[0].use_strand = False
+    assert len(render_and_export(scene).meshes) == 1
+
+
+def test_points_are_spheres(scene: Any) -> None:
+    import bpy
+
+    bpy.ops.object.pointcloud_random_add()
+    bpy.context.object.data.materials.append(_info_material("ShaderNodePointInfo"))
+    (mesh,) = export().meshes
+    count = len(bpy.context.object.data.points)
+    assert mesh.rounds.shape == SPHERES and len(mesh.rounds.radii) == count
+    assert (mesh.triangles == np.arange(count)[:, None]).all()
+    assert len(np.unique(mesh.attributes["point_random"].data)) > 0.9 * count

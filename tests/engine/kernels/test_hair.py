@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lobes of fibres: samples follow the density, and nothing is lost where nothing is absorbed."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from engine.kernels.bsdf import chiang, hair
+from engine.kernels.bsdf.lobe import View
+from engine.runtime.jit import kernel
+from engine.state.lanes import allocate_closures
+from tests.helpers.chi2 import histogram, p_value, sidak
+
+WO = (np.float32(0.6), np.float32(0.64), np.float32(0.48))
+NS = (np.float32(0.8), np.float32(0.6), np.float32(0.0))
+#: Along the axis of the cells: about it densities change quickly.
+TANGENT = (np.float32(0.0), np.float32(0.0), np.float32(2.0))
+SAMPLES = 40_000
+ROWS, COLUMNS = 12, 24
+
+
+@kernel
+def _add(closures, is_chiang, memory, code, wo, ns, tangent):
+    view = View(wo, ns, ns, False, tangent)
+    if is_chiang:
+        chiang.run_chiang(closures, 0, 0, view, 1.0, memory, code, 0)
+    else:
+        hair.run_hair(closures, 0, 0, view, 1.0, memory, code, 0)
+
+
+@kernel
+def _evaluate(param, channels, kind, wo, ns, directions, pdfs, values):
+    for k in range(directions.shape[0]):
+        wi = (directions[k, 0], directions[k, 1], directions[k, 2])
+        for c in range(3):
+            values[k, c] = 0.0
+        if kind == chiang.CHIANG:
+            pdfs[k] = chiang.eval_chiang(param, channels, 0, 0, ns, wo, wi, 1.0, values, k)
+        elif kind == hair.HAIR_REFLECTION:
+            pdfs[k] = hair.eval_hair_reflection(param, channels, 0, 0, ns, wo, wi, 1.0, values, k)
+        else:
+            pdfs[k] = hair.eval_hair_transmission(param, channels, 0, 0, ns, wo, wi, 1.0, values, k)
+
+
+@kernel
+def _sample(param, channels, kind, wo, u, directions):
+    for k in range(u.shape[0]):
+        if kind == chiang.CHIANG:
+            wi = chiang.sample_chiang(param, channels, 0, 0, wo, u[k, 0], u[k, 1], u[k, 2])
+        elif kind == hair.HAIR_REFLECTION:
+            wi = hair.sample_hair_reflection(param, channels, 0, 0, wo, u[k, 0], u[k, 1], u[k, 2])
+        else:
+            wi = hair.sample_hair_transmission(param, channels, 0, 0, wo, u[k, 0], u[k, 1], u[k, 2])
+        for c in range(3):
+            directions[k, c] = wi[c]
+
+
+def _closure(is_chiang, operands, immediate):
+    closures = allocate_closures(1)
+    closures.ns[0] = NS
+    memory, code = np.zeros(64, np.float32), np.zeros(32, np.int32)
+    at = 1
+    for k, operand in enumerate(operands):
+        values = np.atleast_1d(operand)
+        memory[at : at + len(values)] = values
+        code[3 + k] = at
+        at += len(values)
+    code[3 + len(operands)] = immediate
+    _add(closures, is_chiang, memory, code, WO, NS, TANGENT)
+    assert closures.count[0] == 1
+    return closures
+
+
+def _chiang(sigma, along, around, coat=0.0):
+    # Color, tint, melanin, redness, randomness, roughnesses, randomness, coat, offset, ior, random.
+    operands = [sigma, (1.0, 1.0, 1.0), 0.0, 0.0, 0.0, along, around, 0.0, coat, 0.035, 1.55, 0.5]
+    return _closure(True, operands, chiang.CHIANG_ABSORPTION)
+
+
+def _hair(along, around, is_transmission):
+    return _closure(False, [(1.0, 1.0, 1.0), along, around, 0.1, (0.0, 0.0, 0.0)], is_transmission)
+
+
+CASES = {
+    "reflection": lambda: _hair(0.4, 0.4, 0),
+    "transmission": lambda: _hair(0.4, 0.5, 1),
+    "chiang": lambda: _chiang((0.1, 0.5, 2.0), 0.4, 0.5),
+    "chiang rough": lambda: _chiang((0.1, 0.5, 2.0), 0.8, 0.9, coat=0.3),
+}
+
+
+def _values(closures, directions):
+    directions = np.ascontiguousarray(directions, np.float32)
+    pdfs, values = np.zeros(len(directions), np.float32), np.zeros((len(directions), 3), np.float32)
+    _evaluate(closures.param, closures.channels, closures.kind[0, 0], WO, NS, directions, pdfs, values)
+    return pdfs, values
+
+
+def _cell_integrals(closures, column=None):
+    """Density, or a column of the value, over the cells of `histogram`; by the angle to the fibre, as densities are
+    infinite along it.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+
+    def axis(edges):
+        step = np.diff(edges)[:, None]
+        return (edges[:-1, None] + 0.5 * (nodes + 1.0) * step).ravel(), (0.5 * weights * step).ravel()
+
+    bounds = np.arcsin(np.linspace(-1.0, 1.0, ROWS + 1))
+    theta, theta_weight = axis(np.concatenate([np.linspace(a, b, 5)[:-1] for a, b in pairwise(bounds)] + [bounds[-1:]]))
+    phi, phi_weight = axis(np.linspace(0.0, 2.0 * np.pi, COLUMNS * 4 + 1))
+    sine, cosine = np.sin(theta), np.cos(theta)
+    z = np.broadcast_to(sine[:, None], (len(theta), len(phi)))
+    directions = np.stack([np.outer(cosine, np.cos(phi)), np.outer(cosine, np.sin(phi)), z], axis=-1)
+    pdfs, values = _values(closures, directions.reshape(-1, 3))
+    found = (pdfs if column is None else values[:, column]).astype(np.float64).reshape(len(theta), len(phi))
+    found *= (theta_weight * cosine)[:, None] * phi_weight
+    return found.reshape(ROWS, -1, COLUMNS, found.shape[1] // COLUMNS).sum(axis=(1, 3))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_samples_follow_the_density(name: str) -> None:
+    closures = CASES[name]()
+    u = np.random.default_rng(11).random((SAMPLES, 3), np.float32)
+    directions = np.zeros((SAMPLES, 3), np.float32)
+    _sample(closures.param, closures.channels, closures.kind[0, 0], WO, u, directions)
+    assert np.abs(np.linalg.norm(directions, axis=1) - 1.0).max() < 1e-5
+    # What a sample's own density does not know is rejected.
+    kept = directions[_values(closures, directions)[0] > 0.0]
+    assert p_value(histogram(kept, ROWS, COLUMNS), _cell_integrals(closures), SAMPLES) > sidak(1e-3, len(CASES))
+
+
+def test_a_clear_fibre_loses_nothing() -> None:
+    for roughness in (0.3, 0.6, 0.9):
+        closures = _chiang((0.0, 0.0, 0.0), roughness, roughness)
+        total = _cell_integrals(closures, 0).sum()
+        assert math.isclose(total, 1.0, abs_tol=0.003), (roughness, total)
