@@ -20,11 +20,13 @@ from benchmarks.scenes import (
     principled,
     rooms,
     spectral,
+    subsurface,
     textures,
 )
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "lights", "limits", "media", "motion", "principled", "rooms", "spectral", "textures",
+    "furnished", "geometry", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
+    "subsurface", "textures",
 ]  # fmt: skip
