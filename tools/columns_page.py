@@ -16,6 +16,7 @@ from engine.state.columns import Column, columns_of, dtype_of
 from engine.state.film import FilmTile, Merge
 from engine.state.media import MediaLanes
 from engine.state.tracking import TrackedLanes
+from engine.state.walks import WalkLanes
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "columns.md"
 
@@ -42,7 +43,7 @@ _PARTS: dict[str, tuple[type[Bundle], ...]] = {
     "Lanes": (
         lanes.PathState, lanes.ShadePoints, lanes.Closures, lanes.LightSamples, lanes.ShadowRays, lanes.GuidedLanes,
         lanes.CachedLanes, lanes.LightPassLanes, lanes.FeatureLanes, lanes.CatcherLanes, MediaLanes, TrackedLanes,
-        lanes.LightDraws, Candidates,
+        WalkLanes, lanes.LightDraws, Candidates,
     ),
 }  # fmt: skip
 

@@ -79,6 +79,10 @@ _CHANGED: dict[str, tuple[str, Version]] = {
     "ShaderNodeTexMagic": ("wraps_scaled", (5, 2)),
 }
 
+#: Settings of subsurface scattering: since 5.2 a random walk is another, and the old one has another name.
+_WALKS = {"ShaderNodeSubsurfaceScattering": "falloff", "ShaderNodeBsdfPrincipled": "subsurface_method"}
+_NEW_WALKS: Version = (5, 2)
+
 
 def modernize(node: Node, index: int) -> list[Node]:
     """`node` in the terms of Blender 5.2, last in a list with whatever it needs before it.
@@ -108,6 +112,8 @@ def modernize(node: Node, index: int) -> list[Node]:
     if node.kind in _CHANGED:
         name, since = _CHANGED[node.kind]
         node.properties[name] = is_since(since)
+    if node.properties.get(_WALKS.get(node.kind, "")) == "RANDOM_WALK" and not is_since(_NEW_WALKS):
+        node.properties[_WALKS[node.kind]] = "RANDOM_WALK_LEGACY"
     if node.kind == "ShaderNodeTexSky" and "dust_density" in node.properties:
         node.properties["aerosol_density"] = node.properties.pop("dust_density")
     return [node]

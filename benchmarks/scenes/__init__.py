@@ -21,6 +21,7 @@ from benchmarks.scenes import (
     principled,
     rooms,
     spectral,
+    subsurface,
     textures,
 )
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
@@ -28,5 +29,5 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
     "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
-    "textures",
+    "subsurface", "textures",
 ]  # fmt: skip

@@ -108,9 +108,10 @@ def _attach_standing(
         scene.add(geometry, mesh, index, mask, is_filtered=mask & (MASK_SHADOW_TRANSPARENT | MASK_MEDIUM) != 0)
 
 
-def _build_standing(
+def build_standing(
     device: Device, geometry: GeometryArrays, rows: np.ndarray, masks: np.ndarray
 ) -> EmbreeScene:
+    """A hierarchy of triangles that are stored in world space; `rows` are their instances, and their ids."""
     scene = EmbreeScene(device, geometry)
     _attach_standing(scene, geometry, rows, masks)
     embree.rtcCommitScene(scene.address)
@@ -176,7 +177,7 @@ def build_accelerator(
     elif len(standing):
         group = hierarchies.standing.get(
             (shapes_key, standing.tobytes(), table[standing, INSTANCE_MESH].tobytes(), masks[standing].tobytes()),
-            lambda: _build_standing(device, geometry, standing, masks),
+            lambda: build_standing(device, geometry, standing, masks),
         )
         meshes.append(group)
         _attach_instances(

@@ -34,7 +34,7 @@ def _name_triangle(bits, place, geometry, instance, triangle):
     """Write a triangle, instance -1: none, the way in which Embree's filter functions know it."""
     bits[CONTEXT_INSTANCE_COUNT] = geometry.instance_table.shape[0]
     if instance < 0:
-        _name_none(bits, place)
+        name_none(bits, place)
         return
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     first, count = triangle, 1
@@ -46,7 +46,8 @@ def _name_triangle(bits, place, geometry, instance, triangle):
 
 
 @kernel
-def _name_none(bits, place):
+def name_none(bits, place):
+    """Write that there is no such triangle."""
     bits[place] = NONE
     bits[place + 1] = NONE
     bits[place + 2] = 0
@@ -67,8 +68,9 @@ def _curve_of(geometry, mesh, segment):
 
 
 @kernel
-def _call_filters(bits, flags):
-    # Embree would call them for some of the instances only.
+def call_filters(bits, is_wanted):
+    """Say whether Embree calls filter functions, of its own accord it would for some of the instances only."""
+    flags = _RAY_CALLS_FILTER if is_wanted else 0
     bits[SKIPPING_ARGUMENTS] = flags
     bits[PASSING_ARGUMENTS] = flags
     bits[BOUNDARY_ARGUMENTS] = flags
@@ -82,8 +84,8 @@ def start_on(bits, geometry, instance, triangle):
     something else.
     """
     _name_triangle(bits, CONTEXT_OWN, geometry, instance, triangle)
-    _name_none(bits, CONTEXT_LIGHT)
-    _call_filters(bits, _RAY_CALLS_FILTER if instance >= 0 else 0)
+    name_none(bits, CONTEXT_LIGHT)
+    call_filters(bits, instance >= 0)
 
 
 @kernel
@@ -101,4 +103,4 @@ def end_on(bits, geometry, instance, triangle):
     """Say which triangle the next rays end on, which they skip as well, instance -1: none; after `start_on`."""
     _name_triangle(bits, CONTEXT_LIGHT, geometry, instance, triangle)
     if instance >= 0:
-        _call_filters(bits, _RAY_CALLS_FILTER)
+        call_filters(bits, True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.accel.accelerator import Accelerator, build_accelerator
 from engine.accel.hierarchies import MeshHierarchies
+from engine.accel.local_rays import LocalScenes, build_local_scenes
 from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
@@ -45,7 +46,13 @@ from engine.state.geometry import (
     GeometryArrays,
 )
 from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
-from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_IS_BOUNDARY, PROGRAM_MAY_BE_TRANSPARENT, ShaderArrays
+from engine.state.shaders import (
+    PROGRAM_FLAGS,
+    PROGRAM_HAS_SUBSURFACE,
+    PROGRAM_IS_BOUNDARY,
+    PROGRAM_MAY_BE_TRANSPARENT,
+    ShaderArrays,
+)
 
 #: The columns of an instance on which hierarchies depend.
 _ACCELERATOR_COLUMNS = [INSTANCE_MESH, INSTANCE_VISIBILITY, INSTANCE_FLAGS, INSTANCE_FIRST_KEY, INSTANCE_KEY_COUNT]
@@ -63,6 +70,7 @@ class Scene:
     lights: LightArrays
     media: SceneMedia
     accelerator: Accelerator
+    local_scenes: LocalScenes
     #: Row of ShaderArrays.programs of the world, -1 = black.
     world_program: int
     has_transparent_shadows: bool
@@ -93,6 +101,7 @@ class SceneCache:
         self.marked_geometry: Kept[GeometryArrays] = Kept()
         self.boundaries: Kept[dict[int, float]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
+        self.local_scenes: Kept[LocalScenes] = Kept()
         self.bounds = KeptBounds()
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
@@ -164,6 +173,19 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     )
     hierarchies.keep_only(keys)
     return accelerator
+
+
+def _build_local_scenes(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays) -> LocalScenes:
+    """Hierarchies of the instances that light goes into; those at hand where they are of the same shapes."""
+    programs = (shaders.programs[:, PROGRAM_FLAGS] & PROGRAM_HAS_SUBSURFACE) != 0
+    is_wanted = _have_some(geometry, cache.geometry.slot_counts, programs)
+    hierarchies, keys = cache.geometry.hierarchies, cache.geometry.mesh_keys
+    assert hierarchies is not None
+    columns = geometry.instance_table[:, [INSTANCE_MESH, INSTANCE_FLAGS]]
+    return cache.local_scenes.get(
+        (cache.geometry.shapes.version, hierarchies.threads, columns.tobytes(), is_wanted.tobytes()),
+        lambda: build_local_scenes(geometry, hierarchies, keys, is_wanted),
+    )
 
 
 def _build_environment(
@@ -323,7 +345,6 @@ def build_scene(
     )
     check_cancel()
     shaders = programs.arrays
-    slot_counts = cache.geometry.slot_counts
     media = _build_media(cache, apart, programs, geometry, tables)
     if not keeps_meshes:
         # Media that vary have asked for the boxes of theirs.
@@ -331,7 +352,7 @@ def build_scene(
         cache.displacements.forget()
         cache.geometry.give_up([*description.meshes, *displaced.meshes, *apart.meshes])
     del apart, displaced
-    masks = _shadow_masks(geometry, slot_counts, shaders, description, media)
+    masks = _shadow_masks(geometry, cache.geometry.slot_counts, shaders, description, media)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)
@@ -355,6 +376,7 @@ def build_scene(
         lights=lights,
         media=media,
         accelerator=accelerator,
+        local_scenes=_build_local_scenes(cache, geometry, shaders),
         world_program=programs.world_program,
         has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),
         notices=notices,

@@ -18,6 +18,7 @@ from engine.state.lanes import (
     POINT_NS,
     POINT_P,
     POINT_RADIUS,
+    RAY_CAMERA,
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
     RAY_GLOSSY,
@@ -28,6 +29,7 @@ from engine.state.lanes import (
     RAY_SHADOW_IN_PLACE,
     RAY_SINGULAR,
     RAY_STARTS_ON,
+    RAY_SUBSURFACE,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSMIT,
@@ -48,7 +50,11 @@ _RESET = ~(
     | RAY_MIS_FINDS_ALL
     | RAY_TRANSPARENT_BACKGROUND
     | RAY_STARTS_ON
+    | RAY_SUBSURFACE
 )
+
+#: What a path below a surface is no more: a ray of the camera, or the same ray behind something transparent.
+_SEEN = RAY_CAMERA | RAY_TRANSPARENT | RAY_TRANSPARENT_BACKGROUND
 
 
 @kernel
@@ -88,6 +94,12 @@ def pass_through(options, paths, points, lane):
     origin, starts_on = _leave(paths, points, lane, load(paths.direction, lane))
     go_on(paths, lane, origin)
     paths.flags[lane] |= starts_on
+
+
+@kernel
+def go_below(paths, lane):
+    """Go in below the surface: no scattering that counts, but from here on the camera does not see the path."""
+    paths.flags[lane] = (paths.flags[lane] & ~_SEEN) | RAY_SUBSURFACE
 
 
 @kernel

@@ -43,6 +43,8 @@ SET_SHADOW_MEDIUM = 1 << 19
 #: Light samples on that way: light, distance, candidate, light roulette; then the point on the light.
 SET_SEGMENT = SET_MEDIUM + 1
 SET_SEGMENT_LIGHT = SET_SHADOW_MEDIUM + 1
+#: A path's way below a surface that it has entered.
+SET_SUBSURFACE = 1 << 20
 
 
 #: Bits that number the first samples of a pixel, those for which half of the look-ups do.

@@ -43,6 +43,7 @@ from engine.state.media import allocate_media_lanes
 from engine.state.shaders import ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import UnitCosts
+from engine.state.walks import allocate_walk_lanes
 from engine.wavefront.columns import (
     CACHE_RECORDS,
     CACHED_DEPTHS,
@@ -189,6 +190,7 @@ class Batch:
                 lanes if layout.has_media else 0, channel_count, has_shadows=layout.has_varying_media
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
+            walks=allocate_walk_lanes(lanes, channel_count),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

@@ -63,6 +63,7 @@ def compile_part(part: str) -> None:
                 "passes": _compile_passes,
                 "media": _compile_media,
                 "motion": _compile_motion,
+                "subsurface": _compile_subsurface,
                 "cache": _compile_cache,
                 "learning": _compile_learning,
                 "fields": _compile_fields,
@@ -149,6 +150,14 @@ def _compile_media() -> None:
     scene.materials[0].graph = fog
     for method in ("OFF", "VMM"):
         _render(method, scene=scene, passes=("Combined", "Volume Direct", "Volume Indirect"))
+
+
+def _compile_subsurface() -> None:
+    scene = small_scene()
+    wax = NodeGraph([Node("ShaderNodeSubsurfaceScattering", "Wax", {"Scale": 0.1})], Link(0, "BSSRDF"))
+    scene.materials[0].graph = wax
+    for spectral in ("OFF", "ON"):
+        _render("OFF", scene=scene, spectral=spectral)
 
 
 def _compile_motion() -> None:

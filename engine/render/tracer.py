@@ -54,6 +54,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_ROUNDS,
+    SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
@@ -161,9 +162,9 @@ class Tracer:
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
+        numbers[SCENE_HAS_SUBSURFACE] = len(scene.local_scenes.handles) > 0
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
-        numbers[SCENE_HAS_DENSE_MEDIA] = scene.media.is_dense
-        numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.varies
+        numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
         numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()
         numbers[SCENE_HAS_ROUNDS] = len(scene.geometry.radii) > 0
         numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
@@ -171,7 +172,7 @@ class Tracer:
             numbers, _with_clearance(scene), scene.camera.motion, scene.camera.shutter, scene.camera.filter,
             tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
             scene.shaders, scene.tables, scene.lights, scene.media.arrays, build_data_view(scene, layout.data.options),
-            options,
+            scene.local_scenes.handles, options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None

@@ -15,6 +15,7 @@ from typing import Any
 from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX, WEIGHT_CUTOFF
 from engine.kernels.bsdf.plain_glass import fold_glass, fold_glossy
 from engine.kernels.bsdf.plain_principled import fold_principled
+from engine.kernels.bsdf.subsurface import BURLEY, RANDOM_WALK, RANDOM_WALK_LEGACY, RANDOM_WALK_SKIN
 from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
@@ -51,6 +52,12 @@ _DISTRIBUTIONS = {
     "BECKMANN": BECKMANN,
     "ASHIKHMIN_SHIRLEY": ASHIKHMIN_SHIRLEY,
     "SHARP": GGX,
+}
+_SUBSURFACE_METHODS = {
+    "BURLEY": BURLEY,
+    "RANDOM_WALK": RANDOM_WALK,
+    "RANDOM_WALK_LEGACY": RANDOM_WALK_LEGACY,
+    "RANDOM_WALK_SKIN": RANDOM_WALK_SKIN,
 }
 _ZERO = Constant((0.0,))
 _ONE = Constant((1.0,))
@@ -195,6 +202,11 @@ _PRINCIPLED_OFF: dict[str, Value] = {
     "emission_color": _BLACK,
     "emission_strength": _ZERO,
     "alpha": _ONE,
+    "subsurface_weight": _ZERO,
+    "subsurface_radius": Constant((1.0, 0.2, 0.1)),
+    "subsurface_scale": _ZERO,
+    "subsurface_ior": Constant((1.4,)),
+    "subsurface_anisotropy": _ZERO,
 }
 
 
@@ -205,7 +217,10 @@ def _plain_principled(distribution: int, normal: Value, values: Mapping[str, Val
         if isinstance(value, Constant):
             numbers[name] = value.value
     folded = ("roughness", "ior", "specular_level", "specular_tint")
-    off = ("metallic", "diffuse_roughness", "anisotropic", "transmission", "coat_weight", "sheen_weight")
+    off = (
+        *("metallic", "diffuse_roughness", "anisotropic", "transmission", "coat_weight", "sheen_weight"),
+        "subsurface_weight",
+    )
     if not all(name in numbers for name in (*folded, *off, "emission_color", "emission_strength", "alpha")):
         return None
     if any(numbers[name][0] >= WEIGHT_CUTOFF for name in off) or numbers["alpha"][0] < 1.0:
@@ -219,19 +234,27 @@ def _plain_principled(distribution: int, normal: Value, values: Mapping[str, Val
     return normal, values["base_color"], Constant(table)
 
 
-def _principled_lobes(builder: Any, weight: Value, distribution: int, modes: tuple[int, ...], **values: Value) -> None:
-    """PRINCIPLED with everything off but `values` (and the normals)."""
+def _principled_lobes(
+    builder: Any, weight: Value, settings: tuple[int, int], modes: tuple[int, ...], **values: Value
+) -> None:
+    """PRINCIPLED with everything off but `values` (and the normals).
+
+    Parameters
+    ----------
+    settings : tuple of 2 int
+        Distribution, and how light scatters below the surface.
+    """
     normal = values.pop("normal", None) or _normal(builder)
     coat_normal = values.pop("coat_normal", None) or normal
     tangent = values.pop("tangent", None) or _BLACK
     inputs = _PRINCIPLED_OFF | values
-    plain = _plain_principled(distribution, normal, inputs)
+    plain = _plain_principled(settings[0], normal, inputs)
     if plain is not None:
         builder.closure(ops.opcode("PLAIN_PRINCIPLED"), weight, plain, modes=modes)
         return
     rest = tuple(inputs.values())
     builder.closure(
-        ops.opcode("PRINCIPLED"), weight, (normal, coat_normal, tangent, *rest), (distribution,), modes=modes
+        ops.opcode("PRINCIPLED"), weight, (normal, coat_normal, tangent, *rest), settings, modes=modes
     )
 
 
@@ -265,7 +288,10 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
             "sheen_roughness": _float(builder, "Sheen Roughness", 0.5),
             "sheen_tint": _color(builder, "Sheen Tint", 1.0),
         }
-    distribution = _distribution(node, builder, _ZERO, "MULTI_GGX")
+    settings = (
+        _distribution(node, builder, _ZERO, "MULTI_GGX"),
+        choice(node, builder, "subsurface_method", _SUBSURFACE_METHODS, "RANDOM_WALK"),
+    )
     if emits:
         if is_zero(coat) and is_zero(sheen):
             visible = builder.multiply(weight, builder.saturate(alpha))
@@ -273,7 +299,7 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
             builder.closure(ops.OP_EMISSION, visible, operands, modes=(MODE_EMISSION,))
         else:
             # Coat and sheen attenuate what lies below them: let the whole closure work it out.
-            _principled_lobes(builder, weight, distribution, (MODE_EMISSION,), **values)
+            _principled_lobes(builder, weight, settings, (MODE_EMISSION,), **values)
     anisotropic = _float(builder, "Anisotropic", 0.0)
     if not is_zero(anisotropic):
         values |= {
@@ -291,15 +317,21 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
         "specular_tint": _color(builder, "Specular Tint", 1.0),
         "transmission": _float(builder, "Transmission Weight", 0.0),
     }
-    _principled_lobes(builder, weight, distribution, _LOBES, **values)
+    if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and not is_zero(
+        _float(builder, "Subsurface Scale", 0.05)
+    ):
+        values |= {
+            "subsurface_weight": _float(builder, "Subsurface Weight", 0.0),
+            "subsurface_radius": builder.input(Socket("Subsurface Radius", VECTOR, (1.0, 0.2, 0.1))),
+            "subsurface_scale": _float(builder, "Subsurface Scale", 0.05),
+            "subsurface_ior": _float(builder, "Subsurface IOR", 1.4),
+            "subsurface_anisotropy": _float(builder, "Subsurface Anisotropy", 0.0),
+        }
+    _principled_lobes(builder, weight, settings, _LOBES, **values)
     _thin_film(builder)
     has_inside = any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight"))
     if has_inside and not is_zero(_float(builder, "Thin Wall", 0.0)):
         builder.notice("Thin Wall is not supported", "the surface of a solid")
-    if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and not is_zero(
-        _float(builder, "Subsurface Scale", 0.05)
-    ):
-        builder.notice("subsurface scattering is not supported", "diffuse reflection of the base colour")
 
 
 def metallic(node: Node, weight: Value, builder: Any) -> None:
@@ -320,7 +352,8 @@ def metallic(node: Node, weight: Value, builder: Any) -> None:
             "anisotropic_rotation": _float(builder, "Rotation", 0.0),
             "tangent": builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT)),
         }
-    _principled_lobes(builder, weight, _distribution(node, builder, _ZERO, "MULTI_GGX"), _LOBES, **values)
+    settings = (_distribution(node, builder, _ZERO, "MULTI_GGX"), RANDOM_WALK)
+    _principled_lobes(builder, weight, settings, _LOBES, **values)
 
 
 def sheen(node: Node, weight: Value, builder: Any) -> None:
@@ -332,7 +365,18 @@ def sheen(node: Node, weight: Value, builder: Any) -> None:
         "sheen_roughness": _float(builder, "Roughness", 0.5),
         "sheen_tint": _color(builder),
     }
-    _principled_lobes(builder, weight, GGX, _LOBES, **values)
+    _principled_lobes(builder, weight, (GGX, RANDOM_WALK), _LOBES, **values)
+
+
+def subsurface(node: Node, weight: Value, builder: Any) -> None:
+    """Subsurface Scattering."""
+    operands = (
+        _normal(builder), _color(builder), _float(builder, "Roughness", 1.0),
+        builder.input(Socket("Radius", VECTOR, (1.0, 0.2, 0.1))), _float(builder, "Scale", 0.05),
+        _float(builder, "IOR", 1.4), _float(builder, "Anisotropy", 0.0),
+    )  # fmt: skip
+    method = choice(node, builder, "falloff", _SUBSURFACE_METHODS, "RANDOM_WALK")
+    builder.closure(ops.opcode("SUBSURFACE"), weight, operands, (method,), modes=_LOBES)
 
 
 def _as_diffuse(problem: str) -> Emit:
@@ -374,7 +418,6 @@ _PRINCIPLED = ClosureNode(
         *("Transmission Weight", "Coat Weight", "Coat Roughness", "Coat IOR", "Coat Tint", "Coat Normal"),
         *("Sheen Weight", "Sheen Roughness", "Sheen Tint", "Emission Color", "Emission Strength", *_FILM),
     ),
-    # Subsurface scattering is reported whatever its method.
     ("distribution", "subsurface_method"),
 )
 # Inputs of physical n and k are replaced with the whole model.
@@ -404,7 +447,9 @@ CLOSURES: dict[str, ClosureNode] = {
     "ShaderNodeBsdfHairPrincipled": ClosureNode(
         nodes_hair.principled_hair, nodes_hair.PRINCIPLED_HAIR_INPUTS, ("model", "parametrization")
     ),
-    "ShaderNodeSubsurfaceScattering": ClosureNode(_as_diffuse("Subsurface Scattering is not supported")),
+    "ShaderNodeSubsurfaceScattering": ClosureNode(
+        subsurface, (*_LOBE, "Scale", "Radius", "IOR", "Anisotropy"), ("falloff",)
+    ),
     "ShaderNodeBsdfRayPortal": ClosureNode(ray_portal),
     "ShaderNodeEmission": _EMISSION,
     "ShaderNodeBackground": _EMISSION,

@@ -16,8 +16,9 @@ from engine.shaders.program import Constant, Instruction, is_zero
 from engine.state import shaders as layout
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
-#: Which operand of PRINCIPLED is the transmission, behind the weight.
+#: Which operands of PRINCIPLED are transmission and subsurface weight, behind the weight.
 _TRANSMISSION = 13
+_SUBSURFACE = 24
 
 
 def with_analysis(
@@ -47,6 +48,7 @@ def with_analysis(
         layout.PROGRAM_TRANSPARENCY_CONSTANT: transparency is not None,
         layout.PROGRAM_NO_BUMP_CORRECTION: not source.use_bump_map_correction,
         layout.PROGRAM_IS_LAMBERTIAN: lambertian is not None,
+        layout.PROGRAM_HAS_SUBSURFACE: _has_subsurface(instructions, closures),
     }
     for flag, is_set in facts.items():
         flags |= flag if is_set else 0
@@ -66,6 +68,16 @@ def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool
     return any(
         instructions[root].opcode in bending
         or (instructions[root].opcode == principled and not is_zero(instructions[root].inputs[_TRANSMISSION]))
+        for root in roots
+    )
+
+
+def _has_subsurface(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool:
+    """Whether some lobe lets light in that comes out elsewhere."""
+    of_node, principled = (ops_closure.opcode(name) for name in ("SUBSURFACE", "PRINCIPLED"))
+    return any(
+        instructions[root].opcode == of_node
+        or (instructions[root].opcode == principled and not is_zero(instructions[root].inputs[_SUBSURFACE]))
         for root in roots
     )
 

@@ -42,7 +42,6 @@ def _allocate_lanes(table: type[_Lanes], lane_count: int, channel_count: int = R
     return allocate(table, sizes, _Has(channel_count > RGB), **given)
 
 
-
 # ---------------------------------------------------------------------------------------------------------------------
 # Path flags (bits of PathState.flags). The first five are the visibility bits of scene.description.
 
@@ -80,6 +79,7 @@ RAY_CATCHER_HIT = 131072
 RAY_STARTS_ON = 524288
 #: The lane's shadow ray starts and ends in place, and skips the triangles there.
 RAY_SHADOW_IN_PLACE = 1048576
+RAY_SUBSURFACE = 2097152  # the path's hit is where it comes out from below a surface: diffuse, seen from outside
 
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
 # and POINT_FLAG_BACKFACING is set.

@@ -68,6 +68,8 @@ PROGRAM_IS_LAMBERTIAN = 128
 PROGRAM_HAS_AOVS = 256
 #: Its surface is nothing but the boundary of what is inside.
 PROGRAM_IS_BOUNDARY = 512
+#: Scatters light below its surface.
+PROGRAM_HAS_SUBSURFACE = 1024
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean

@@ -24,7 +24,8 @@ SCENE_HAS_DENSE_MEDIA = 13  # so dense that what a ray skips at a surface matter
 SCENE_HAS_MOVING_MEDIA = 14  # some that vary move by their own velocity while the shutter is open
 SCENE_MASK_HANDLE = 15  # address of the instances' masks
 SCENE_HAS_ROUNDS = 16  # curves or spheres
-SCENE_HEADER_WIDTH = 17
+SCENE_HAS_SUBSURFACE = 17  # light that goes in below surfaces
+SCENE_HEADER_WIDTH = 18
 
 # UnitView.header
 UNIT_SEED = 0
@@ -108,6 +109,7 @@ class ClockEntries(NamedTuple):
     intersect_shadow: int
     occlusion: int
     scatter: int
+    walk_subsurface: int
     sample_source: int
     draw_candidates: int
     predict_radiance: int

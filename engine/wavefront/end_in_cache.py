@@ -18,8 +18,9 @@ import numpy as np
 
 from engine.guiding.fields.cells.field import SUM_WEIGHT, cell_key
 from engine.guiding.fields.cells.query import first_level, is_small, look_up
-from engine.kernels.bsdf import HAS_EVAL, HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughness, summarize
+from engine.kernels.bsdf import HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughness, summarize
 from engine.kernels.bsdf.evaluate import is_delta_lobe
+from engine.kernels.bsdf.kinds import SUBSURFACE
 from engine.kernels.constants import FLOAT_MAX, FOUR_PI
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
@@ -43,6 +44,7 @@ from engine.state.lanes import (
     POINT_PROGRAM,
     RAY_DIFFUSE_ANCESTOR,
     RAY_SINGULAR,
+    RAY_SUBSURFACE,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RGB,
@@ -99,6 +101,9 @@ def _arrive(scene, paths, cached, points, lane):
     """Move the path's footprint to what it has hit; returns whether the cache may know that."""
     p, n = real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG)
     cached.may_teach[lane] = 0
+    if paths.flags[lane] & RAY_SUBSURFACE:
+        # Cells know what surfaces send back, which is more than what they let out.
+        return False
     cached.arriving[lane] = cached.root[lane]
     if paths.depth[lane] == 0:
         cached.seen[lane] = footprint_root(load(cached.origin, lane), p, n, FOUR_PI) ** 2
@@ -221,19 +226,22 @@ def end_in_cache(scene, unit, radiance, work, queue):
 @kernel
 def _teaches(closures, lane):
     """Whether what a shaded surface sends back is about the same in all directions: its lobes together are rough, those
-    of mirrors counting as 0.
+    of mirrors counting as 0, and what comes out elsewhere as 1.
     """
     bits = summarize(closures, lane)
-    if bits & HAS_EVAL == 0 or bits & (HAS_TRANSMISSION | HAS_TRANSPARENT):
+    if bits & (HAS_TRANSMISSION | HAS_TRANSPARENT):
         return False
+    deep = np.float32(0.0)
     rough = np.float32(0.0)
     total = np.float32(0.0)
     for i in range(closures.count[lane]):
         weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
         total += weight
-        if not is_delta_lobe(closures.kind, closures.param, lane, i):
+        if closures.kind[lane, i] == SUBSURFACE:
+            deep += weight
+        elif not is_delta_lobe(closures.kind, closures.param, lane, i):
             rough += weight
-    return mean_roughness(closures, lane) * rough >= _LEAST_ROUGHNESS * total
+    return deep + rough > 0.0 and deep + mean_roughness(closures, lane) * rough >= _LEAST_ROUGHNESS * total
 
 
 @kernel

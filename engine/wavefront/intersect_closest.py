@@ -8,7 +8,15 @@ from engine.kernels.prefetch import ask_for_ray, lane_ahead
 from engine.kernels.surface import ray_start
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
-from engine.state.lanes import RAY_CATCHER_HIT, RAY_DIFFUSE, RAY_GLOSSY, RAY_STARTS_ON, RAY_TRANSMIT, RAY_VOLUME
+from engine.state.lanes import (
+    RAY_CATCHER_HIT,
+    RAY_DIFFUSE,
+    RAY_GLOSSY,
+    RAY_STARTS_ON,
+    RAY_SUBSURFACE,
+    RAY_TRANSMIT,
+    RAY_VOLUME,
+)
 from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE, UNIT_FOLLOWS
 
 
@@ -23,6 +31,9 @@ def intersect_closest(scene, unit, work, queue):
     for k in range(lane_count):
         lane = lanes[k]
         ask_for_ray(paths, lane_ahead(lanes, k, lane_count))
+        if paths.flags[lane] & RAY_SUBSURFACE:
+            # It is where it has come out.
+            continue
         visibility = paths.flags[lane] & 31
         if visibility & RAY_TRANSMIT:
             # Visibility to diffuse and glossy rays is about reflection only.

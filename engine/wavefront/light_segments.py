@@ -51,6 +51,7 @@ from engine.state.lanes import (
     POINT_WO,
     RAY_CATCHER_HIT,
     RAY_ENDS,
+    RAY_SUBSURFACE,
     RAY_VOLUME,
 )
 from engine.state.lights import EMITTER_NODE, LIGHT_BACKGROUND
@@ -144,7 +145,7 @@ def light_segments(scene, unit, work, queue):
         is_endless = paths.hit_instance[lane] < 0
         if is_endless:
             leave_objects(media, lane)
-        if media.count[lane] == 0 or flags & RAY_ENDS or (follows and flags & RAY_CATCHER_HIT):
+        if media.count[lane] == 0 or flags & (RAY_ENDS | RAY_SUBSURFACE) or (follows and flags & RAY_CATCHER_HIT):
             continue
         if varies and any_varies(scene.media, media, lane):
             # There a path samples lights where it collides.

@@ -15,7 +15,14 @@ from engine.runtime.jit import kernel
 from engine.scene.description import VISIBLE_CAMERA
 from engine.state.camera import CAMERA_CLEAR
 from engine.state.geometry import INSTANCE_VISIBILITY
-from engine.state.lanes import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_INSTANCE, POINT_NG, POINT_PROGRAM
+from engine.state.lanes import (
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
+    POINT_INSTANCE,
+    POINT_NG,
+    POINT_PROGRAM,
+    RAY_SUBSURFACE,
+)
 from engine.state.media import MAX_MEDIA, WORLD
 from engine.wavefront.columns import MEDIA_DROPPED, SCENE_HANDLE, SCENE_HAS_BOUNDARIES, UNIT_SPLITS_LIGHT
 
@@ -140,7 +147,7 @@ def cross_boundaries(scene, unit, work, queue):
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
-        if paths.alive[lane] == 0:
+        if paths.alive[lane] == 0 or paths.flags[lane] & RAY_SUBSURFACE:
             continue
         medium = of_program[points.integer[lane, POINT_PROGRAM]]
         # Normals of points face where the path came from.

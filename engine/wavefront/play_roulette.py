@@ -19,6 +19,7 @@ from engine.kernels.vector import dot, load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     RAY_ENDS,
+    RAY_SUBSURFACE,
     RAY_TERMINATE_ON_NEXT_SURFACE,
     RAY_TRANSPARENT,
     RAY_TRANSPARENT_BACKGROUND,
@@ -68,7 +69,10 @@ def play_roulette(scene, unit, work, queue):
         survival = np.float32(1.0)
         plain = np.float32(1.0)
         if options.use_roulette != 0:
-            if flags & RAY_TRANSPARENT:
+            if flags & RAY_SUBSURFACE:
+                # It was played where the path went in.
+                sure = True
+            elif flags & RAY_TRANSPARENT:
                 sure = paths.transparent_depth[lane] <= options.min_transparent_depth
             else:
                 sure = paths.depth[lane] <= options.min_depth

@@ -4,9 +4,10 @@
 from engine.guiding.records.vertices import Scattering, log_vertex
 from engine.kernels.bsdf import DELTA_LOBES, EVERY_LOBE, sample_among
 from engine.kernels.bsdf.dispersion import share_densities
+from engine.kernels.bsdf.evaluate import LABEL_LOBE
 from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.constants import NAN
-from engine.kernels.path import pass_through, real_3, scatter_path
+from engine.kernels.path import go_below, pass_through, real_3, scatter_path
 from engine.kernels.prefetch import (
     ask_for_closures,
     ask_for_history,
@@ -18,7 +19,7 @@ from engine.kernels.prefetch import (
 from engine.kernels.rng import SETS_PER_VERTEX
 from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_NG, POINT_WO, RAY_SINGULAR, RAY_TRANSPARENT, RGB
+from engine.state.lanes import POINT_NG, POINT_WO, RAY_SINGULAR, RAY_SUBSURFACE, RAY_TRANSPARENT, RGB
 
 
 @kernel
@@ -26,14 +27,16 @@ def scatter(scene, unit, work, queue):
     """Choose the next direction by the BSDF, update throughput, depths and flags.
 
     Guided lanes draw here whether a delta lobe is taken, and the lobe; if not, they are left to resampling: those with
-    one candidate, for which nothing needs to be predicted, in `work.single`, the others in `work.several`.
+    one candidate, for which nothing needs to be predicted, in `work.single`, the others in `work.several`. Those that
+    go in below the surface are left in `work.walking`.
     """
     options, paths, points, closures = scene.options, work.paths, work.points, work.closures
     guided, samples, log, f_cos = work.guided, work.samples, work.log, work.f_cos
-    single, several = work.single.lanes, work.several.lanes
+    single, several, walking = work.single.lanes, work.several.lanes, work.walking.lanes
     lanes, lane_count = queue.lanes, queue.count[0]
     single_count = 0
     several_count = 0
+    walking_count = 0
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
@@ -81,6 +84,12 @@ def scatter(scene, unit, work, queue):
         if len(paths.channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
             share_densities(paths, lane, pdf, f_cos, lane)
         paths.dimension[lane] += SETS_PER_VERTEX
+        if label & RAY_SUBSURFACE:
+            work.walks.lobe[lane] = label >> LABEL_LOBE
+            go_below(paths, lane)
+            walking[walking_count] = lane
+            walking_count += 1
+            continue
         if label & RAY_TRANSPARENT:
             pass_through(options, paths, points, lane)
             continue
@@ -93,3 +102,4 @@ def scatter(scene, unit, work, queue):
         scatter_path(options, scene.lights, paths, points, closures, lane, wi, label, pdf, pdf)
     work.single.count[0] = single_count
     work.several.count[0] = several_count
+    work.walking.count[0] = walking_count

@@ -18,6 +18,7 @@ from engine.state.lanes import (
     RAY_DIFFUSE,
     RAY_REFLECT,
     RAY_SINGULAR,
+    RAY_SUBSURFACE,
     RAY_TRANSPARENT,
     RAY_TRANSPARENT_BACKGROUND,
     RGB,
@@ -74,7 +75,7 @@ def split_scattered(scene, unit, work, queue):
     for k in range(lane_count):
         lane = lanes[k]
         flags = paths.flags[lane]
-        if paths.alive[lane] == 0 or paths.depth[lane] != 1 or flags & RAY_TRANSPARENT:
+        if paths.alive[lane] == 0 or paths.depth[lane] != 1 or flags & (RAY_TRANSPARENT | RAY_SUBSURFACE):
             continue
         found = TRANSMISSIVE_LOBES
         if flags & RAY_DIFFUSE:

@@ -29,6 +29,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_ROUNDS,
+    SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
@@ -70,6 +71,7 @@ from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.track_media import begin_tracking, find_collisions, meet_media
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
+from engine.wavefront.walk_subsurface import leave_subsurface, walk_subsurface
 from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
 from engine.wavefront.write_data import write_aovs, write_background_vectors, write_data
 from engine.wavefront.write_denoising import write_denoising
@@ -178,6 +180,7 @@ _EMITTERS, _LAMPS = _scene(SCENE_HAS_EMITTERS), _scene(SCENE_HAS_HITTABLE_LIGHTS
 _MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
 _VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
 _TRANSPARENT_SHADOWS, _ROUNDS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS), _scene(SCENE_HAS_ROUNDS)
+_SUBSURFACE = _scene(SCENE_HAS_SUBSURFACE)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
 _SHADOWS = _any(_EMITTERS, _OCCLUSION)
@@ -234,6 +237,7 @@ _STAGES = (
         "intersect_shadow",
         takes=_shading,
     ),
+    Stage(leave_subsurface, "evaluate_shaders", _SUBSURFACE),
     Stage(
         upsample_emission, "upsample catch_shadows shade_background", _SPECTRAL,
         lambda loop: (loop.scene, loop.work, loop.work.points, loop.work.closures, loop.work.active),
@@ -268,6 +272,7 @@ _STAGES = (
     Stage(aim_occlusion, "occlusion", _OCCLUSION),
     Stage(keep_occlusion, "occlusion", _OCCLUSION),
     Stage(scatter, "scatter"),
+    Stage(walk_subsurface, "walk_subsurface", _SUBSURFACE),
     Stage(sample_source, "sample_source", _is_guided, _guided),
     Stage(draw_candidates, "draw_candidates", _is_guided, _guided),
     Stage(predict_radiance, "predict_radiance", _is_guided, lambda loop: (loop.radiance, loop.guidance, loop.work)),

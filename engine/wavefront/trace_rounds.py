@@ -18,6 +18,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_ROUNDS,
+    SCENE_HAS_SUBSURFACE,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
@@ -230,6 +231,8 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     clock, is_spectral = work.clock, scene.header[SCENE_IS_SPECTRAL] != 0
     is_guided, use_features = unit.header[UNIT_IS_GUIDED] != 0, unit.header[UNIT_USE_FEATURES] != 0
     _evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
+    if scene.header[SCENE_HAS_SUBSURFACE] != 0:
+        stages.leave_subsurface(scene, unit, work, work.surface)
     mark(clock, CLOCK.evaluate_shaders)
     if is_spectral:
         stages.upsample_emission(scene, work, work.points, work.closures, work.surface)
@@ -258,6 +261,16 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     if is_guided and use_features:
         stages.write_guiding(scene, unit, guidance, work, work.surface)
         mark(clock, CLOCK.write_guiding)
+
+
+@kernel
+def _scatter(stages, scene, unit, work):
+    """Send paths on by the BSDF, and those that go in below a surface to where they come out."""
+    stages.scatter(scene, unit, work, work.surface)
+    mark(work.clock, CLOCK.scatter)
+    if work.walking.count[0] > 0:
+        stages.walk_subsurface(scene, unit, work, work.walking)
+        mark(work.clock, CLOCK.walk_subsurface)
 
 
 @kernel
@@ -335,8 +348,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             _trace_shadows(stages, scene, unit, work)
             stages.keep_occlusion(scene, unit, work, work.surface)
             mark(clock, CLOCK.occlusion)
-        stages.scatter(scene, unit, work, work.surface)
-        mark(clock, CLOCK.scatter)
+        _scatter(stages, scene, unit, work)
         if work.single.count[0] > 0:
             stages.sample_source(scene, unit, guidance, work, work.single)
             mark(clock, CLOCK.sample_source)

@@ -36,6 +36,7 @@ from engine.state.lights import LightArrays
 from engine.state.media import MediaArrays, MediaLanes
 from engine.state.shaders import ShaderArrays, ShaderMemory
 from engine.state.tracking import TrackedLanes
+from engine.state.walks import WalkLanes
 from engine.wavefront.options import GuidingOptions, IntegratorOptions
 
 
@@ -43,6 +44,7 @@ class SceneView(Bundle):
     """A scene with the settings that no iteration changes, for kernels.
 
     header : int64 (SCENE_HEADER_WIDTH,)
+    local_scenes : int64, `engine.accel.local_rays.build_local_scenes`
     camera, camera_motion, shutter, pixel_filter : float32, as `engine.builder.camera.CameraArrays`
     """
 
@@ -58,6 +60,7 @@ class SceneView(Bundle):
     lights: LightArrays
     media: MediaArrays
     data: DataView
+    local_scenes: np.ndarray
     options: IntegratorOptions
 
 
@@ -138,7 +141,7 @@ def allocate_queue(lane_count: int) -> LaneQueue:
 #: Queues in `Work`.
 QUEUES = (
     "active", "free", "traced", "tracked", "collided", "surface", "missed", "lit", "programs", "pending", "single",
-    "several",
+    "several", "walking",
 )  # fmt: skip
 
 
@@ -151,10 +154,12 @@ class Work(Bundle):
     active, free : lanes with a path and without
     traced, tracked, collided, surface, missed, lit, programs, pending : lanes that a stage has left for another
     single, several : guided lanes with one candidate, and with several
+    walking : lanes whose path goes in below a surface
     draws : scratch of `choose_lights`
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
     passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
+    walks : what these need
     tracking : how far their rays have been followed through media that vary
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     """
@@ -177,6 +182,7 @@ class Work(Bundle):
     pending: LaneQueue
     single: LaneQueue
     several: LaneQueue
+    walking: LaneQueue
     f_cos: np.ndarray
     paths: PathState
     points: ShadePoints
@@ -195,6 +201,7 @@ class Work(Bundle):
     catcher: CatcherLanes
     media: MediaLanes
     tracking: TrackedLanes
+    walks: WalkLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

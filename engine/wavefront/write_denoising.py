@@ -15,7 +15,7 @@ from engine.kernels.path import real_3
 from engine.kernels.vector import add, load, scale, store
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO, DENOISING_DEPTH, DENOISING_NORMAL
-from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, FEATURES_DONE, POINT_WO
+from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, FEATURES_DONE, POINT_WO, RAY_SUBSURFACE
 
 #: Product of the alphas up to which a lobe is specular.
 _SPECULAR_ALPHA_SQUARED = 0.075 * 0.075
@@ -52,7 +52,7 @@ def write_denoising(scene, unit, work, queue):
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
-        if paths.alive[lane] == 0 or throughput[lane, 0] == FEATURES_DONE:
+        if paths.alive[lane] == 0 or throughput[lane, 0] == FEATURES_DONE or paths.flags[lane] & RAY_SUBSURFACE:
             continue
         pixel = paths.pixel[lane]
         through = load(throughput, lane)

@@ -35,11 +35,11 @@ REPORTED_WHOLE = {
 }  # fmt: skip
 #: Known nodes and settings that are reported: part of the notice.
 REPORTED = (
-    "thin film", "Thin Wall", "subsurface", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
+    "thin film", "Thin Wall", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
     "of lights", "'LIGHT'",
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
-WITHOUT_EFFECT = {("ShaderNodeBsdfPrincipled", "subsurface_method")}
+WITHOUT_EFFECT: set[tuple[str, str]] = set()
 
 
 def known(kind: str) -> bool:

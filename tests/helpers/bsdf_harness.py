@@ -28,6 +28,7 @@ from engine.kernels.bsdf import (
     summarize,
     valid_specular_normal,
 )
+from engine.kernels.bsdf.subsurface import RANDOM_WALK, SubsurfaceInputs
 from engine.runtime.jit import kernel
 from engine.state.lanes import Closures, allocate_closures
 
@@ -129,6 +130,7 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             emission_color=_color(colors, 4),
             emission_strength=values[13],
             alpha=values[14],
+            subsurface=SubsurfaceInputs(RANDOM_WALK, 0.0, (1.0, 0.2, 0.1), 0.0, 1.4, 0.0),
         )
         add_principled(closures, tables, 0, white, wo, ng, n, is_backfacing, inputs)
     elif node == 5:

@@ -20,6 +20,7 @@ from engine.kernels.bsdf.kinds import (
     LAST_MICROFACET,
     REFRACTION,
     SMOOTH_N,
+    SUBSURFACE,
     TRANSPARENT,
     WEIGHT_CUTOFF,
 )
@@ -80,7 +81,7 @@ def keeps_to_geometry(closures, lane, ng):
     Directions below the surface but above a smooth or bumped normal are lit by light sampling alone.
     """
     for i in range(closures.count[lane]):
-        if closures.kind[lane, i] == TRANSPARENT:
+        if closures.kind[lane, i] >= TRANSPARENT:
             continue
         n = read3(closures.param, lane, i, CLOSURE_N)
         if not abs(n[0] * ng[0] + n[1] * ng[1] + n[2] * ng[2]) > _SAME_NORMAL:
@@ -136,6 +137,9 @@ def summarize(closures, lane):
         kind = closures.kind[lane, i]
         if kind == TRANSPARENT:
             bits |= HAS_TRANSPARENT
+        elif kind == SUBSURFACE:
+            # Its light comes out elsewhere.
+            continue
         elif kind >= FIRST_MICROFACET:
             if closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y] > DELTA_ALPHA_SQUARED:
                 bits |= HAS_EVAL

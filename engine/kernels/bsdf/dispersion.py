@@ -15,8 +15,8 @@ from engine.kernels.bsdf.kinds import (
     F0,
     F0_REAL,
     GLASS,
+    LAST_MICROFACET,
     REFRACTION,
-    TRANSPARENT,
 )
 from engine.kernels.bsdf.microfacet import fresnel_blend, glass_reflection_pmf, lobe_color
 from engine.kernels.vector import dot
@@ -28,7 +28,7 @@ from engine.state.lanes import CLOSURE_N, CLOSURE_WEIGHT
 @kernel
 def disperses(kind):
     """Whether lobes of this kind have a refractive index that light passes through."""
-    return kind >= REFRACTION and kind != TRANSPARENT
+    return REFRACTION <= kind <= LAST_MICROFACET
 
 
 @kernel

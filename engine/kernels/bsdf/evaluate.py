@@ -29,6 +29,7 @@ from engine.kernels.bsdf.kinds import (
     LAST_MICROFACET,
     PHASE,
     REFRACTION,
+    SUBSURFACE,
     TRANSPARENT,
 )
 from engine.kernels.bsdf.lobes import eval_lobe, hair_roughness, sample_hair, sample_lobe
@@ -46,6 +47,7 @@ from engine.state.lanes import (
     RAY_GLOSSY,
     RAY_REFLECT,
     RAY_SINGULAR,
+    RAY_SUBSURFACE,
     RAY_TRANSMIT,
     RAY_TRANSPARENT,
     RAY_VOLUME,
@@ -54,6 +56,9 @@ from engine.state.lanes import (
 
 #: Mask that hides no lobe.
 EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
+
+#: From which bit on a label holds the number of a subsurface lobe.
+LABEL_LOBE = 24
 
 # Which lobes `sample_lobes` chooses among.
 EVERY_LOBE = 0
@@ -167,7 +172,7 @@ def eval_channels(closures, lane, wo, wi, visibility, sampled, u, out, row):
 
 @kernel
 def is_delta_lobe(kinds, param, lane, i):
-    """Whether lobe `i` is sampled only: transparent, or a microfacet lobe of next to no roughness."""
+    """Whether lobe `i` is sampled only: transparent, subsurface, or a microfacet lobe of next to no roughness."""
     kind = kinds[lane, i]
     if kind < FIRST_MICROFACET:
         return False
@@ -240,7 +245,8 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
             out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
             if len(channels) > RGB:
                 out[row, len(channels) + c] = pmf
-        return pmf, negate(wo), RAY_TRANSPARENT | RAY_TRANSMIT, 0.0, eta
+        label = RAY_SUBSURFACE | chosen << LABEL_LOBE if kind == SUBSURFACE else RAY_TRANSPARENT | RAY_TRANSMIT
+        return pmf, negate(wo), label, 0.0, eta
     label |= RAY_TRANSMIT if is_refracted else RAY_REFLECT
     # Only samples are checked against the geometric normal: evaluation would show the facets of smooth meshes (Cycles).
     if pmf <= 0.0 or (dot(ng, wi) < 0.0) != is_refracted:
@@ -323,7 +329,8 @@ def sample_bsdf(closures, tables, lane, wo, ng, u0, u1, u2, out, row):
     wi : tuple of 3 float32
     label : int
         RAY_DIFFUSE or RAY_GLOSSY, with RAY_REFLECT or RAY_TRANSMIT, RAY_SINGULAR for delta lobes; a transparent
-        closure has RAY_TRANSPARENT | RAY_TRANSMIT.
+        closure has RAY_TRANSPARENT | RAY_TRANSMIT; a subsurface lobe RAY_SUBSURFACE, without a direction, and its
+        number in the bits from LABEL_LOBE on.
     roughness : float32
         Geometric mean of the lobe's alphas, 1 for diffuse kinds, 0 for a transparent closure.
     eta : float32

@@ -12,6 +12,7 @@ GLOSSY_F82          as GLOSSY, and F0 (4), F82_B (4)
 REFRACTION          ALPHA_X = ALPHA_Y, ETA, ENERGY_SCALE, ETA_D (where the lane disperses)
 GLASS               as REFRACTION, and F0 (4), F0_REAL, REFLECTION_TINT (4), TRANSMISSION_TINT (4)
 TRANSPARENT         none
+SUBSURFACE          see `subsurface.py`: it has no value in any direction, and is sampled only
 ==================  ==================================================================================================
 
 The microfacet kinds say their Fresnel term. Colours take four columns: RGB and 0 as shaders leave them, values at the
@@ -48,7 +49,9 @@ GLASS = 29
 LAST_MICROFACET = 29
 
 TRANSPARENT = 30
-KIND_COUNT = 31
+#: Light that goes in and comes out elsewhere (`subsurface.py`).
+SUBSURFACE = 31
+KIND_COUNT = 32
 
 # Values of the `distribution` argument of add_*.
 GGX = 0
@@ -64,6 +67,8 @@ CLOSURE_NO_REFRACTIVE_CAUSTICS = 4
 #: (`bsdf.dispersion`); it is seen from the back, where refractive indices are inverted.
 CLOSURE_DISPERSES = 8
 CLOSURE_IS_BACK = 16
+#: The path has been scattered by something diffuse.
+CLOSURE_IS_BEHIND_DIFFUSE = 32
 
 # Bits that `summarize` returns.
 HAS_EVAL = 1

@@ -11,8 +11,8 @@ memory[code[pc + 3]] and on, as the node's entry in `engine/shaders/nodes_closur
 There `ops_closure.opcode` gives the instruction's opcode by its name here. Give `run_*` `forceinline=True`: two arrays
 as arguments are a dozen stores at every call.
 
-Kinds that are neither diffuse nor transparent are microfacet lobes, one family that differs by Fresnel terms
-(`microfacet.py`).
+Kinds that are neither diffuse, transparent nor subsurface are microfacet lobes, one family that differs by Fresnel
+terms (`microfacet.py`).
 """
 
 import numpy as np
@@ -28,6 +28,7 @@ from engine.kernels.bsdf import (
     plain_principled,
     principled,
     sheen,
+    subsurface,
     translucent,
 )
 from engine.kernels.bsdf.kinds import (
@@ -38,8 +39,10 @@ from engine.kernels.bsdf.kinds import (
     GLOSSY_SCHLICK,
     KIND_COUNT,
     REFLECTION_TINT,
+    SUBSURFACE,
     TRANSMISSION_TINT,
 )
+from engine.kernels.bsdf.subsurface import SUBSURFACE_ALBEDO, SUBSURFACE_RADIUS
 from engine.runtime.jit import by_number
 
 #: Diffuse kinds of lobes, and that of media; they are asked in this order.
@@ -61,6 +64,7 @@ INSTRUCTIONS = {
     "GLASS": glossy.run_glass,
     "HAIR": hair.run_hair,
     "CHIANG": chiang.run_chiang,
+    "SUBSURFACE": subsurface.run_subsurface,
 }
 
 eval_lobe = by_number({lobe.kind: lobe.evaluate for lobe in LOBES}, "eval_lobe", __name__)
@@ -69,16 +73,17 @@ sample_hair = by_number({lobe.kind: lobe.sample for lobe in HAIR_LOBES}, "sample
 hair_roughness = by_number({lobe.kind: lobe.roughness for lobe in HAIR_LOBES}, "hair_roughness", __name__)
 run_instruction = by_number(dict(enumerate(INSTRUCTIONS.values())), "run_instruction", __name__)
 
-_MICROFACET_COLORS = {
+_OTHER_COLORS = {
     GLOSSY_SCHLICK: (F0,),
     GLOSSY_F82: (F0, F82_B),
     GLASS: (F0, REFLECTION_TINT, TRANSMISSION_TINT),
+    SUBSURFACE: (SUBSURFACE_ALBEDO, SUBSURFACE_RADIUS),
 }
 
 
 def _color_columns() -> np.ndarray:
     columns = np.zeros((KIND_COUNT, 3), np.int32)
-    for kind, colors in {**{lobe.kind: lobe.colors for lobe in LOBES}, **_MICROFACET_COLORS}.items():
+    for kind, colors in {**{lobe.kind: lobe.colors for lobe in LOBES}, **_OTHER_COLORS}.items():
         columns[kind, : len(colors)] = colors
     return columns
 

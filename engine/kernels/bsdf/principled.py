@@ -28,6 +28,7 @@ from engine.kernels.bsdf.no_lobes import add_emission, add_transparent
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar
 from engine.kernels.bsdf.sheen import append_sheen
+from engine.kernels.bsdf.subsurface import RANDOM_WALK_SKIN, SubsurfaceInputs, add_subsurface
 from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.vector import add, dot, normalize, scale
@@ -74,6 +75,7 @@ class PrincipledInputs(NamedTuple):
     distribution : int, GGX or MULTI_GGX
     tangent : direction of anisotropy; anisotropic_rotation [turns]
     coat_normal : on the viewer's side; the smooth shading normal where nothing is linked
+    subsurface : its refractive index counts for skin alone
     """
 
     distribution: int
@@ -99,6 +101,7 @@ class PrincipledInputs(NamedTuple):
     emission_color: _Vector
     emission_strength: float
     alpha: float
+    subsurface: SubsurfaceInputs
 
 
 @kernel
@@ -112,8 +115,35 @@ def add_layer(closures, tables, lane, kind, weight, scale_in, wo, facets, interf
 
 
 @kernel
+def _below(inputs, eta):
+    """What is below the interface, whose refractive index skin alone has for itself."""
+    ior = inputs.ior if inputs.method == RANDOM_WALK_SKIN else eta
+    return SubsurfaceInputs(inputs.method, inputs.weight, inputs.radius, inputs.scale, ior, inputs.anisotropy)
+
+
+@kernel
+def _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs):
+    """Append what lies below the layers: light that comes out elsewhere, and diffuse reflection."""
+    clamped_color = (min(base_color[0], 1.0), min(base_color[1], 1.0), min(base_color[2], 1.0))
+    share = clamp_unit(inputs.subsurface.weight)
+    diffuse_weight = multiply(weight, base_color)
+    if share > WEIGHT_CUTOFF:
+        roughness = clamp_unit(inputs.roughness)
+        add_subsurface(
+            closures, lane, scale(multiply(weight, clamped_color), share), clamped_color, n, specular_n,
+            roughness * roughness, _below(inputs.subsurface, eta),
+        )
+        diffuse_weight = scale(diffuse_weight, 1.0 - share)
+    diffuse_roughness = clamp_unit(inputs.diffuse_roughness)
+    if diffuse_roughness < WEIGHT_CUTOFF:
+        append_closure(closures, lane, DIFFUSE, diffuse_weight, n)
+    else:
+        add_oren_nayar(closures, lane, diffuse_weight, base_color, n, diffuse_roughness)
+
+
+@kernel
 def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inputs):
-    """Append the lobes of the Principled BSDF (version 2, as in Blender 4 and 5), without subsurface and thin film.
+    """Append the lobes of the Principled BSDF (version 2, as in Blender 4 and 5), without thin film.
 
     Parameters
     ----------
@@ -215,23 +245,19 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         interface = Interface(eta, f0, f0, f0)
         weight = add_layer(closures, tables, lane, GLOSSY_SCHLICK, weight, 1.0, wo, facets, interface, fresnel)
 
-    diffuse_weight = multiply(weight, base_color)
-    diffuse_roughness = clamp_unit(inputs.diffuse_roughness)
-    if diffuse_roughness < WEIGHT_CUTOFF:
-        append_closure(closures, lane, DIFFUSE, diffuse_weight, n)
-    else:
-        add_oren_nayar(closures, lane, diffuse_weight, base_color, n, diffuse_roughness)
+    _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs)
 
 
 @kernel(forceinline=True)
 def run_principled(closures, tables, lane, view, weight, memory, code, pc):
     """Instruction `weight, normal, coat normal, tangent, base color, metallic, roughness, diffuse roughness, ior,
     specular level, specular tint, anisotropic, rotation, transmission, coat weight, coat roughness, coat ior, coat
-    tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha | distribution`.
+    tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha, subsurface weight,
+    radius, scale, ior, anisotropy | distribution, subsurface method`.
     """
     n = safe_normal(read3(memory, code[pc + 3]), view.ns)
     inputs = PrincipledInputs(
-        distribution=code[pc + 26],
+        distribution=code[pc + 31],
         base_color=read3(memory, code[pc + 6]),
         metallic=memory[code[pc + 7]],
         roughness=memory[code[pc + 8]],
@@ -254,6 +280,14 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
         emission_color=read3(memory, code[pc + 23]),
         emission_strength=memory[code[pc + 24]],
         alpha=memory[code[pc + 25]],
+        subsurface=SubsurfaceInputs(
+            method=code[pc + 32],
+            weight=memory[code[pc + 26]],
+            radius=read3(memory, code[pc + 27]),
+            scale=memory[code[pc + 28]],
+            ior=memory[code[pc + 29]],
+            anisotropy=memory[code[pc + 30]],
+        ),
     )
     weights = (weight, weight, weight)
     add_principled(closures, tables, lane, weights, view.wo, view.ng, n, view.is_backfacing, inputs)

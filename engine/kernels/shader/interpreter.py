@@ -3,6 +3,7 @@
 
 from engine.kernels.bsdf.closures import append_closure, reset_closures
 from engine.kernels.bsdf.kinds import (
+    CLOSURE_IS_BEHIND_DIFFUSE,
     CLOSURE_NO_BUMP_CORRECTION,
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
     CLOSURE_NO_REFRACTIVE_CAUSTICS,
@@ -90,7 +91,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         program = points.integer[lane, POINT_PROGRAM]
         flags = 0
         if points.integer[lane, POINT_RAY_FLAGS] & RAY_DIFFUSE_ANCESTOR:
-            flags = caustics
+            flags = caustics | CLOSURE_IS_BEHIND_DIFFUSE
         facts = programs[program, PROGRAM_FLAGS]
         if facts & PROGRAM_NO_BUMP_CORRECTION:
             flags |= CLOSURE_NO_BUMP_CORRECTION

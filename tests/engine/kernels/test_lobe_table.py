@@ -14,7 +14,7 @@ def test_kinds_are_numbered_apart_and_where_diffuse_kinds_are() -> None:
     numbers = [lobe.kind for lobe in LOBES]
     assert len(set(numbers)) == len(numbers)
     assert all(kinds.NONE < number <= kinds.LAST_DIFFUSE < kinds.FIRST_MICROFACET for number in numbers)
-    assert kinds.LAST_MICROFACET < kinds.TRANSPARENT < kinds.KIND_COUNT
+    assert kinds.LAST_MICROFACET < kinds.TRANSPARENT < kinds.SUBSURFACE < kinds.KIND_COUNT
 
 
 def test_colors_lie_between_the_kinds_number_and_the_normal_of_bumped_lobes() -> None:

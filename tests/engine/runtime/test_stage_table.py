@@ -21,6 +21,7 @@ from engine.scene.grids import VolumeMotion
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.media_scenes import grid_of
+from tests.helpers.subsurface_scenes import below
 
 _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
 _OF_CACHE = {"end_in_cache", "follow_footprints", "collect_cache_records"}
@@ -31,6 +32,7 @@ _OF_MEDIA = {
     "dim_shadows", "light_segments", "leave_segments", "prepare_collision_guides", "guide_collisions",
     "draw_collision_candidates", "resample_collisions",
 }  # fmt: skip
+_OF_SUBSURFACE = {"walk_subsurface", "leave_subsurface"}
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
 
@@ -214,6 +216,9 @@ def test_the_main_loop_passes_what_its_stages_take(
         _fill_with_fog(next(item.graph for item in description.materials if item.graph is not None))
         velocity = np.full((4, 4, 4, 3), 0.1, np.float32)
         description.meshes[0].volume_motion = VolumeMotion(grid_of(velocity, np.eye(4)), 0.5, 1.0)
+    has_subsurface = method == "VMM_RIS"
+    if has_subsurface:
+        description.materials[0].graph = below().graph
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
     description.passes = PassSettings(aovs=(Aov("Value", False),))
@@ -240,6 +245,8 @@ def test_the_main_loop_passes_what_its_stages_take(
         unused |= _OF_CATCHERS
     if not has_media:
         unused |= _OF_MEDIA
+    if not has_subsurface:
+        unused |= _OF_SUBSURFACE
     if roulette != "LEARNED":
         unused |= {"play_adjoint_roulette"}
     assert set(stages) - set(bound) == unused
