@@ -14,6 +14,7 @@ from engine.kernels.bsdf.kinds import (
     FIRST_MICROFACET,
     GLASS,
     HAIR_TRANSMISSION,
+    LAST_DIFFUSE,
     LAST_MICROFACET,
     REFRACTION,
     TRANSPARENT,
@@ -103,7 +104,7 @@ def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
             continue
         if not FIRST_MICROFACET <= kind <= LAST_MICROFACET:
             row = DIFFUSE_LOBES
-            if kind >= FIRST_HAIR:
+            if FIRST_HAIR <= kind <= LAST_DIFFUSE:
                 row = TRANSMISSIVE_LOBES if kind == HAIR_TRANSMISSION else GLOSSY_LOBES
             for c in range(len(closures.channels)):
                 out[row, c] += param[lane, i, CLOSURE_WEIGHT + c]

@@ -39,19 +39,23 @@ def test_all_of_burleys_profile_lies_within_its_end() -> None:
     assert in_python(burley_density)(np.float32(0.0), np.float32(0.1)) == 0.0
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_white_box_under_a_white_sky_is_white(method: str) -> None:
+# Rays that skin refracts at a facet seen from its back do not go in: Cycles 5.3 gives 0.9098.
+@pytest.mark.parametrize(
+    "method, white", [("RANDOM_WALK", 1.0), ("RANDOM_WALK_LEGACY", 1.0), ("RANDOM_WALK_SKIN", 0.9098)]
+)
+def test_a_white_box_under_a_white_sky_is_white(method: str, white: float) -> None:
     means = means_by_seed(box_scene(below(method, scale=2.0)), samples=64, seeds=6)
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
     # A millionth is absorbed at each step, and a walk of 256 steps ends (Cycles' rules).
-    assert (np.abs(means.mean(axis=0) - 1.0) <= 4.0 * error + 5e-4).all()
+    assert (np.abs(means.mean(axis=0) - white) <= 4.0 * error + 5e-4).all()
 
 
-def test_shallow_light_comes_back_as_the_color_says() -> None:
-    color = (0.8, 0.5, 0.2)
-    means = means_by_seed(box_scene(below("RANDOM_WALK", color, scale=0.01)), samples=64, seeds=6)
-    # The albedo's fit is for a half-space entered by a diffuse light, and good to some percent.
-    np.testing.assert_allclose(means.mean(axis=0), color, rtol=0.1)
+def test_shallow_light_comes_back_as_in_cycles() -> None:
+    means = means_by_seed(box_scene(below("RANDOM_WALK", (0.8, 0.5, 0.2), scale=0.01)), samples=64, seeds=6)
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    # Cycles 5.3, 32 x 32 pixels of 256 samples, of a box of the same size.
+    cycles = (0.76553, 0.44440, 0.16587)
+    assert (np.abs(means.mean(axis=0) - cycles) <= 4.0 * error + 0.005 * np.array(cycles)).all()
 
 
 @pytest.mark.parametrize(
