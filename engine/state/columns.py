@@ -10,6 +10,8 @@
 The annotation says the column's dtype, `column` its meaning and its shape, in sizes that are numbers or have names.
 `allocate` makes a table, `rows_of`, `copy_of` and `joined` are the same whatever the columns are, and docs/columns.md
 lists them. Kernels see the bundle as if its fields had been written without `column`.
+
+Numbers that kernels address within the rows of one array are declared in the same way, by a `RowLayout`.
 """
 
 from __future__ import annotations
@@ -67,6 +69,29 @@ class Column:
     def __set_name__(self, owner: type[Bundle], name: str) -> None:
         if self.is_dynamic:
             owner._dynamic = owner._dynamic | {name}
+
+
+class RowLayout:
+    """Numbers that lie side by side in a row of one array, in the order in which they are declared.
+
+        _toy = RowLayout()
+        TOY_COLOR = _toy.take(3)
+        TOY_SIZE = _toy.take()
+        TOY_WIDTH = _toy.width()
+    """
+
+    def __init__(self) -> None:
+        self._taken = 0
+
+    def take(self, count: int = 1) -> int:
+        """First column of `count` more."""
+        first = self._taken
+        self._taken += count
+        return first
+
+    def width(self, multiple: int = 1) -> int:
+        """Columns of a row, rounded up to a multiple."""
+        return -(-self._taken // multiple) * multiple
 
 
 #: What has been read of a class: its columns and their dtypes.

@@ -19,7 +19,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int16Array, Int32Array, Int64Array, Uint8Array, Uint32Array
 from engine.runtime.bundle import Bundle
 from engine.spectral.wavelengths import WAVELENGTH_COUNT as WAVELENGTHS
-from engine.state.columns import aligned_bytes, allocate, column, without
+from engine.state.columns import RowLayout, aligned_bytes, allocate, column, without
 
 #: Channels of a render without wavelengths.
 RGB = 3
@@ -340,13 +340,13 @@ def allocate_guided_lanes(lane_count: int) -> GuidedLanes:
 
 #: Surfaces at which a recorded path can teach the radiance cache.
 MAX_CACHE_VERTICES = 12
-# Columns of CachedLanes.cache_records.
-CACHE_VERTEX_P = 0
-CACHE_VERTEX_NG = 3
-CACHE_VERTEX_BEFORE = 6  # throughput on arrival
-CACHE_VERTEX_RADIANCE = 9  # the path's sum then
-CACHE_VERTEX_SIDE = 12  # of its footprint
-CACHE_VERTEX_WIDTH = 13
+_cache_vertex = RowLayout()  # of CachedLanes.vertices
+CACHE_VERTEX_P = _cache_vertex.take(3)
+CACHE_VERTEX_NG = _cache_vertex.take(3)
+CACHE_VERTEX_BEFORE = _cache_vertex.take(3)  # throughput on arrival
+CACHE_VERTEX_RADIANCE = _cache_vertex.take(3)  # the path's sum then
+CACHE_VERTEX_SIDE = _cache_vertex.take()  # of its footprint
+CACHE_VERTEX_WIDTH = _cache_vertex.width()
 
 
 class CachedLanes(Bundle):

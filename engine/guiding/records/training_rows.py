@@ -8,20 +8,22 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.kernels.rng import hash_combine
 from engine.runtime.jit import kernel
+from engine.state.columns import RowLayout
 
 # Columns of a row. Vectors are unit and in world space.
-ROW_POSITION = 0  #: [m], three columns
-ROW_WI = 3
-ROW_WO = 6
-ROW_NORMAL = 9  #: shading normal on the viewer's side
-ROW_ROUGHNESS = 12  #: in [0, 1]
-ROW_RADIANCE = 13  #: mean over channels of an estimate of the incident radiance along wi
-ROW_REFLECTANCE = 14  #: mean over channels of BSDF * |cos| at wi [sr^-1]
-ROW_PDF = 15  #: density that wi was drawn with [sr^-1]
-ROW_BSDF_PDF = 16  #: density of the BSDF's own sampling at wi [sr^-1]
-ROW_GUIDE_PDF = 17  #: density of the guide at wi [sr^-1]; 0 where nothing was guided
-ROW_U = 18  #: in [0, 1], of the shutter or of the wavelengths, see `settings.U_DIMENSIONS`
-ROW_WIDTH = 19
+_row = RowLayout()
+ROW_POSITION = _row.take(3)  #: [m]
+ROW_WI = _row.take(3)
+ROW_WO = _row.take(3)
+ROW_NORMAL = _row.take(3)  #: shading normal on the viewer's side
+ROW_ROUGHNESS = _row.take()  #: in [0, 1]
+ROW_RADIANCE = _row.take()  #: mean over channels of an estimate of the incident radiance along wi
+ROW_REFLECTANCE = _row.take()  #: mean over channels of BSDF * |cos| at wi [sr^-1]
+ROW_PDF = _row.take()  #: density that wi was drawn with [sr^-1]
+ROW_BSDF_PDF = _row.take()  #: density of the BSDF's own sampling at wi [sr^-1]
+ROW_GUIDE_PDF = _row.take()  #: density of the guide at wi [sr^-1]; 0 where nothing was guided
+ROW_U = _row.take()  #: in [0, 1], of the shutter or of the wavelengths, see `settings.U_DIMENSIONS`
+ROW_WIDTH = _row.width()
 
 #: u at the shutter's opening and closing, where it is the time of the shutter and nothing else.
 SHUTTER_SPAN = (0.0, 1.0)

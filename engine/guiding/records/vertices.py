@@ -23,7 +23,7 @@ from engine.kernels.vector import dot
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, hero_quarter
-from engine.state.columns import allocate, column, joined
+from engine.state.columns import RowLayout, allocate, column, joined
 from engine.state.lanes import POINT_NS, POINT_P, POINT_PROGRAM, POINT_WO, RGB
 
 #: Vertices remembered of a path; scatterings after these are not learned from.
@@ -35,29 +35,34 @@ SMOOTH_ROUGHNESS = np.float32(0.3)
 #: Scatterings up to this roughness are not learned from.
 MIN_ROUGHNESS = np.float32(0.01)
 
-# Columns of VertexLog.real.
-VERTEX_P = 0
-VERTEX_WI = 3
-VERTEX_NS = 6
-VERTEX_PDF = 9
-VERTEX_ROUGHNESS = 10
-VERTEX_TRAVEL = 11  # distance from the vertex before, through transparent surfaces [m]
-VERTEX_SCALE = 12  # what refraction does to distances seen through this vertex
-VERTEX_BENEFIT = 13  # factor of Eq. (19) that turns the squared reflected radiance into the variance delta; NaN: none
-VERTEX_BSDF_PDF = 14  # of the direction under BSDF sampling
-VERTEX_GUIDE_PDF = 15  # and under the guide, with the probability of not taking a delta lobe; NaN: not guided
-VERTEX_BEFORE = 16  # throughput before the scattering, 4 channels
-VERTEX_THROUGHPUT = 20  # and after
-VERTEX_RADIANCE = 24  # the path's sum at the scattering
-VERTEX_LIGHT_SHARE = 28  # probability with which this vertex sampled a light
-VERTEX_WO = 29
-VERTEX_SURFACE_ROUGHNESS = 32  # of all rough lobes together
-VERTEX_ARRIVAL = 33  # the path's sum before the vertex sampled a light, 4 channels
-VERTEX_CLUSTER = 37  # of the light that was sampled, -1 = none
-VERTEX_CLUSTER_PMF = 38  # with which probability the cluster was chosen
-VERTEX_TREE_PMF = 39  # and would have been by the light tree alone
-VERTEX_PROGRAM = 40  # of the surface's shader
-VERTEX_WIDTH = 48  # three cache lines
+#: Numbers of a cache line.
+_CACHE_LINE = 16
+# Columns of VertexLog.real; those of the spectra have one for each channel.
+_vertex = RowLayout()
+VERTEX_P = _vertex.take(3)
+VERTEX_WI = _vertex.take(3)
+VERTEX_NS = _vertex.take(3)
+VERTEX_PDF = _vertex.take()
+VERTEX_ROUGHNESS = _vertex.take()
+VERTEX_TRAVEL = _vertex.take()  # distance from the vertex before, through transparent surfaces [m]
+VERTEX_SCALE = _vertex.take()  # what refraction does to distances seen through this vertex
+# Factor of Eq. (19) that turns the squared reflected radiance into the variance delta; NaN: none.
+VERTEX_BENEFIT = _vertex.take()
+VERTEX_BSDF_PDF = _vertex.take()  # of the direction under BSDF sampling
+# And under the guide, with the probability of not taking a delta lobe; NaN: not guided.
+VERTEX_GUIDE_PDF = _vertex.take()
+VERTEX_BEFORE = _vertex.take(4)  # throughput before the scattering
+VERTEX_THROUGHPUT = _vertex.take(4)  # and after
+VERTEX_RADIANCE = _vertex.take(4)  # the path's sum at the scattering
+VERTEX_LIGHT_SHARE = _vertex.take()  # probability with which this vertex sampled a light
+VERTEX_WO = _vertex.take(3)
+VERTEX_SURFACE_ROUGHNESS = _vertex.take()  # of all rough lobes together
+VERTEX_ARRIVAL = _vertex.take(4)  # the path's sum before the vertex sampled a light
+VERTEX_CLUSTER = _vertex.take()  # of the light that was sampled, -1 = none
+VERTEX_CLUSTER_PMF = _vertex.take()  # with which probability the cluster was chosen
+VERTEX_TREE_PMF = _vertex.take()  # and would have been by the light tree alone
+VERTEX_PROGRAM = _vertex.take()  # of the surface's shader
+VERTEX_WIDTH = _vertex.width(_CACHE_LINE)
 
 
 class VertexLog(Bundle):
