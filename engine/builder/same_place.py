@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where rays start and end in place: at lamps that lie in a surface, far from the origin, and where glass may touch.
+"""Where rays start and end in place: at lamps in a surface, on unmoved copies, far from the origin, at touching glass.
 
 Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
 such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
 start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at flat lamps in the
-plane of a surface, on glass that may touch something and on what it may touch, and on instances so far from the origin
-that the error is a part of their size, or of that of what stands on them, as on curves and spheres. Surfaces elsewhere
-that lie in one place with others do not shadow each other (docs/differences.md).
+plane of a surface, on copies that were never moved, on glass that may touch something and on what it may touch, and on
+instances so far from the origin that the error is a part of their size, or of that of what stands on them, as on curves
+and spheres. Surfaces elsewhere that lie in one place with others do not shadow each other (docs/differences.md).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from engine.builder.copies import unmoved_copies
 from engine.builder.lamps import corners_of_flat
 from engine.builder.touching_glass import touching_glass
 from engine.builder.world_boxes import REACH, WorldBoxes, are_round, has_triangles, world_boxes, world_matrices
@@ -45,7 +46,8 @@ class SamePlace:
     Attributes
     ----------
     instances : bool (I,)
-        Which are far from the origin for their size, or glass that may touch something, or what it may touch; curves.
+        Which are far from the origin for their size, unmoved copies, or glass that may touch something, or what it may
+        touch; curves.
     lights : int64 (L,)
         Flat lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
     notices : list of Notice
@@ -187,9 +189,10 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def find_same_place(
-    geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str], is_glass: npt.NDArray[np.bool_]
-) -> SamePlace:
-    """Find lamps that lie in surfaces, what is far from the origin, and glass that may touch something.
+    geometry: GeometryArrays, lights: Sequence[Light], names: Sequence[str], is_glass: npt.NDArray[np.bool_],
+    is_clear: npt.NDArray[np.bool_],
+) -> SamePlace:  # fmt: skip
+    """Find lamps that lie in surfaces, what is far from the origin, copies, and glass that may touch something.
 
     Parameters
     ----------
@@ -197,6 +200,8 @@ def find_same_place(
         Names of the instances' objects.
     is_glass : bool (I,)
         Which instances have a material that bends light.
+    is_clear : bool (I,)
+        Which have one that rays go straight through. These would go back and forth between copies, skipping one each.
     """
     # Vertices may be infinite, or not a number: these are in no place.
     with np.errstate(all="ignore"):
@@ -206,6 +211,7 @@ def find_same_place(
         instances = _far_instances(boxes, has_triangles(geometry)) | touching_glass(
             geometry, matrices, boxes, is_glass
         )
+        instances |= unmoved_copies(geometry, boxes) & ~is_clear
         # Strands are as thin as the error.
         instances |= are_round(geometry)
         sizes = (quads.max(axis=1) - quads.min(axis=1)).max(axis=1, initial=0.0)

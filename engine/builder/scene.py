@@ -146,12 +146,14 @@ def _shadow_masks(
 def _find_same_place(cache: SceneCache, description: SceneDescription, geometry: GeometryArrays) -> SamePlace:
     """Where rays start and end in place: what is at hand where neither geometry nor lamps are others."""
     names = tuple(description.instances.name)
-    refracts = np.array([program.refracts for program in cache.programs.compiled], bool)
-    is_glass = _have_some(geometry, cache.geometry.slot_counts, refracts)
+    kinds = np.array([(program.refracts, program.lets_through) for program in cache.programs.compiled], bool)
+    is_glass, is_clear = (
+        _have_some(geometry, cache.geometry.slot_counts, which) for which in kinds.reshape(-1, 2).T
+    )
     lamps = content_digest(places_of_flat(description.lights))
     return cache.same_place.get(
-        (cache.geometry.geometry.version, names, lamps, is_glass.tobytes()),
-        lambda: find_same_place(geometry, description.lights, names, is_glass),
+        (cache.geometry.geometry.version, names, lamps, is_glass.tobytes(), is_clear.tobytes()),
+        lambda: find_same_place(geometry, description.lights, names, is_glass, is_clear),
     )
 
 

@@ -10,6 +10,7 @@ from engine.kernels.shader import ops_input
 from engine.scene.description import NodeGraph, Notice
 from engine.shaders.medium import Medium
 from engine.shaders.program import Instruction
+from engine.state.shaders import MODE_TRANSPARENCY
 
 #: Instructions that read `ShaderArrays.camera`.
 _CAMERA_OPCODES = frozenset(
@@ -102,6 +103,12 @@ class CompiledProgram:
     #: Instructions of a medium that varies, which sees the point as it is, without displacement.
     medium_instructions: list[Instruction] = field(default_factory=list)
     medium_roots: list[int] = field(default_factory=list)
+
+    @property
+    def lets_through(self) -> bool:
+        """Whether rays may go straight through its surface, transparent shadows or not."""
+        is_transparent = bool(self.roots[MODE_TRANSPARENCY]) and self.transparency != (0.0, 0.0, 0.0)
+        return self.is_boundary or is_transparent
 
     @property
     def sees_camera(self) -> bool:

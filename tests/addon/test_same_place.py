@@ -147,6 +147,43 @@ def test_a_transparent_ceiling_dims_the_lamp_that_lies_in_it(blender: Any, tmp_p
     assert ours == pytest.approx(theirs, rel=0.03)
 
 
+def unmoved_copies(rotation: Any, kind: str, has_own_meshes: bool = False, **inputs: Any) -> Any:
+    """Two planes in one place, seen from above below a white sky."""
+    scene = scene_of(16, 12, world=1.0)
+    first = plane("First", 2.0, (0.0, 0.0, 0.0), material=material_of(kind, **inputs))
+    second = first.copy()
+    scene.collection.objects.link(second)
+    if has_own_meshes:
+        second.data = first.data.copy()
+    turn_all(rotation)
+    scene.camera.matrix_world = Matrix.Translation((0.0, 0.0, 3.0))
+    scene.camera.data.lens = 100.0
+    return scene
+
+
+TILT = (0.3, 0.2, 0.1)
+
+
+@pytest.mark.parametrize("has_own_meshes", [False, True])
+@pytest.mark.parametrize(("rotation", "share"), [((0.0, 0.0, 0.0), 0.0), (TILT, 0.7)], ids=["level", "tilted"])
+def test_unmoved_copies_shadow_each_other(
+    blender: Any, tmp_path: Path, rotation: Any, share: float, has_own_meshes: bool
+):
+    """As in Cycles: all of the sky where they are level, elsewhere by the last bit of each ray."""
+    scene = unmoved_copies(rotation, "ShaderNodeBsdfDiffuse", has_own_meshes, Color=(0.8, 0.8, 0.8, 1.0))
+    ours, theirs = means(scene, tmp_path, 32)
+    assert ours == pytest.approx(share, abs=0.08)
+    assert theirs == pytest.approx(share, abs=0.08)
+
+
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0), TILT], ids=["level", "tilted"])
+def test_rays_go_straight_through_unmoved_copies_once(blender: Any, tmp_path: Path, rotation: Any):
+    scene = unmoved_copies(rotation, "ShaderNodeBsdfTransparent", Color=(0.5, 0.5, 0.5, 1.0))
+    ours, theirs = means(scene, tmp_path, 4)
+    assert ours == pytest.approx(0.5, abs=0.01)
+    assert theirs == pytest.approx(0.5, abs=0.01)
+
+
 def table_with_glass(gap: float, roughness: float) -> Any:
     """A box of glass that stands on a floor, or so far above it, under a white world."""
     scene = scene_of(world=1.0)

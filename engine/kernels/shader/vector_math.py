@@ -3,6 +3,7 @@
 
 import math
 
+from engine.kernels.limits import at_least, at_most
 from engine.kernels.vector import add, cross, dot, length, negate, scale, subtract
 from engine.runtime.jit import kernel
 
@@ -16,8 +17,6 @@ COMPONENT_OPERATIONS = {
     "ABSOLUTE": "ABSOLUTE",
     "POWER": "POWER",
     "SIGN": "SIGN",
-    "MINIMUM": "MINIMUM",
-    "MAXIMUM": "MAXIMUM",
     "ROUND": "ROUND",
     "FLOOR": "FLOOR",
     "CEIL": "CEIL",
@@ -30,13 +29,17 @@ COMPONENT_OPERATIONS = {
     "TANGENT": "TANGENT",
 }
 
-#: Operations on whole vectors; an operation's code is its place here. The last three give a number.
+#: Operations on whole vectors; an operation's code is its place here. The last three give a number. The smaller and the
+#: larger are no operations of the Math node: where one component is NaN the second is taken, whichever it is.
 VECTOR_OPERATIONS = (
-    "CROSS_PRODUCT", "PROJECT", "REFLECT", "REFRACT", "FACEFORWARD", "SCALE", "NORMALIZE",
+    "CROSS_PRODUCT", "PROJECT", "REFLECT", "REFRACT", "FACEFORWARD", "SCALE", "NORMALIZE", "MINIMUM", "MAXIMUM",
     "DOT_PRODUCT", "DISTANCE", "LENGTH",
 )  # fmt: skip
 
-_CROSS_PRODUCT, _PROJECT, _REFLECT, _REFRACT, _FACEFORWARD, _SCALE, _NORMALIZE, _DOT, _DISTANCE, _LENGTH = range(10)
+(
+    _CROSS_PRODUCT, _PROJECT, _REFLECT, _REFRACT, _FACEFORWARD, _SCALE, _NORMALIZE, _MINIMUM, _MAXIMUM,
+    _DOT, _DISTANCE, _LENGTH,
+) = range(len(VECTOR_OPERATIONS))  # fmt: skip
 
 ROTATE_AXIS_ANGLE = 0
 ROTATE_X = 1
@@ -97,6 +100,10 @@ def vector_operation(operation, a, b, c, factor):
         vector = scale(a, factor)
     elif operation == _NORMALIZE:
         vector = _unit(a)
+    elif operation == _MINIMUM:
+        vector = (at_most(a[0], b[0]), at_most(a[1], b[1]), at_most(a[2], b[2]))
+    elif operation == _MAXIMUM:
+        vector = (at_least(a[0], b[0]), at_least(a[1], b[1]), at_least(a[2], b[2]))
     elif operation == _DOT:
         value = dot(a, b)
     elif operation == _DISTANCE:

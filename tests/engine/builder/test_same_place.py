@@ -25,14 +25,15 @@ def geometry_of(*transforms, visibility=None, **mesh):
     return built(quad_scene(transforms, visibility, **mesh))[0]
 
 
-def no_glass(geometry):
-    return np.zeros(len(geometry.instance_table), bool)
+def find(geometry, lights, names, is_glass=False, is_clear=False):
+    every = np.ones(len(geometry.instance_table), bool)
+    return find_same_place(geometry, lights, names, is_glass & every, is_clear & every)
 
 
 def said(geometry, *lamps, names=None):
     """Notices, as users read them, and the lamps that they are of."""
     names = names or [f"Quad {k}" for k in range(len(geometry.instance_table))]
-    found = find_same_place(geometry, lamps, names, no_glass(geometry))
+    found = find(geometry, lamps, names)
     return [f"{notice.subject}: {notice.problem}" for notice in found.notices], found.lights.tolist()
 
 
@@ -105,7 +106,7 @@ def test_a_notice_names_the_first_few_surfaces():
 )  # fmt: skip
 def test_what_is_far_from_the_origin_for_its_size_is_marked(distance, size, is_far):
     geometry = geometry_of(at(distance, 0.0, 0.0, (size, size, size)))
-    place = find_same_place(geometry, [], ["Quad"], no_glass(geometry))
+    place = find(geometry, [], ["Quad"])
     assert place.instances.tolist() == [is_far]
     marked = place.mark(geometry)
     assert (marked is geometry) is not is_far
@@ -116,7 +117,7 @@ def test_what_is_far_from_the_origin_for_its_size_is_marked(distance, size, is_f
 def test_what_small_things_stand_on_is_far_where_they_are():
     ground, stone = at(1e6, 0.0, 0.0, (5e4, 5e4, 1.0)), at(1e6, 0.0, 2.0, (1.0, 1.0, 1.0))
     geometry = geometry_of(ground, stone)
-    assert find_same_place(geometry, [], ["Ground", "Stone"], no_glass(geometry)).instances.tolist() == [True, True]
+    assert find(geometry, [], ["Ground", "Stone"]).instances.tolist() == [True, True]
 
 
 def test_lamps_far_from_the_origin_are_found_and_not_named():
@@ -125,8 +126,14 @@ def test_lamps_far_from_the_origin_are_found_and_not_named():
 
 def test_glass_that_may_touch_is_marked_with_what_it_touches():
     geometry = geometry_of(np.eye(4), np.eye(4), at(9.0, 0.0, 0.0))
-    place = find_same_place(geometry, [], ["Glass", "Table", "Wall"], np.array([True, False, False]))
+    place = find(geometry, [], ["Glass", "Table", "Wall"], np.array([True, False, False]))
     assert place.instances.tolist() == [True, True, False] and place.notices == []
+
+
+def test_unmoved_copies_are_marked_but_not_those_that_rays_go_straight_through():
+    geometry = geometry_of(CEILING, CEILING, CEILING, at(0.0, 0.0, 1.0))
+    place = find(geometry, [], list("ABCD"), is_clear=np.array([False, True, False, False]))
+    assert place.instances.tolist() == [True, False, True, False] and place.notices == []
 
 
 def grid(count):

@@ -141,12 +141,22 @@ def test_an_open_floor_under_a_white_world_is_its_albedo():
     assert np.allclose(image[..., :3], 0.5, atol=1e-5)
 
 
-def test_coincident_faces_do_not_shadow_each_other():
-    """The same floor twice is as bright as once (Cycles: black where it is level)."""
-    tilted = np.eye(4)
-    tilted[2, :2] = 0.1, 0.2
-    for transform in (np.eye(4), tilted):
-        description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=[transform] * 2)
+TILTED = np.eye(4)
+TILTED[2, :2] = 0.1, 0.2
+
+
+@pytest.mark.parametrize(("transform", "cycles"), [(np.eye(4), 0.0002), (TILTED, 0.3601)], ids=["level", "tilted"])
+def test_unmoved_copies_shadow_each_other_as_in_cycles(transform, cycles):
+    """A gray floor twice: black where it is level, elsewhere by the last bit of each ray."""
+    description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=[transform] * 2)
+    image = render(description, samples=64).passes["Combined"][..., :3]
+    assert image.mean() == pytest.approx(cycles, abs=0.03)
+
+
+def test_other_coincident_faces_do_not_shadow_each_other():
+    for transform in (np.eye(4), TILTED):
+        transforms = [transform, transform @ np.diag([1.1, 1.1, 1.0, 1.0])]
+        description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=transforms)
         assert np.allclose(render(description).passes["Combined"][..., :3], 0.5, atol=1e-5)
 
 

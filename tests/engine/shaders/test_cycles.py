@@ -247,6 +247,12 @@ def test_what_is_no_number_is_limited_as_in_cycles(blender: Any, sphere: Any, tm
             f"{operation} {place}": node("ShaderNodeMath", 0, {place: no_number}, {1 - place: 0.5}, operation=operation)
             for operation in ("MINIMUM", "MAXIMUM") for place in (0, 1)
         },
+        **{
+            f"vector {operation} {place}": node(
+                "ShaderNodeVectorMath", 0, {place: no_number}, {1 - place: (0.5, 0.4, 0.3)}, operation=operation
+            )
+            for operation in ("MINIMUM", "MAXIMUM") for place in (0, 1)
+        },
     }  # fmt: skip
     compare(blender, sphere, tmp_path, cases)
 
