@@ -247,13 +247,15 @@ def test_what_is_no_number_is_limited_as_in_cycles(blender: Any, sphere: Any, tm
             f"{operation} {place}": node("ShaderNodeMath", 0, {place: no_number}, {1 - place: 0.5}, operation=operation)
             for operation in ("MINIMUM", "MAXIMUM") for place in (0, 1)
         },
-        **{
-            f"vector {operation} {place}": node(
+    }  # fmt: skip
+    for operation in ("MINIMUM", "MAXIMUM"):
+        for place in (0, 1):
+            vector = node(
                 "ShaderNodeVectorMath", 0, {place: no_number}, {1 - place: (0.5, 0.4, 0.3)}, operation=operation
             )
-            for operation in ("MINIMUM", "MAXIMUM") for place in (0, 1)
-        },
-    }  # fmt: skip
+            # What is no number would be black, as nothing is.
+            limited = node("ShaderNodeVectorMath", 0, {0: vector}, {1: (0.1, 0.2, 0.25)}, operation="MAXIMUM")
+            cases[f"vector {operation} {place}"] = limited
     compare(blender, sphere, tmp_path, cases)
 
 
