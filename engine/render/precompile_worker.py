@@ -29,6 +29,7 @@ from engine.scene.description import (
     World,
 )
 from engine.scene.instances import plain_instances
+from engine.scene.rounds import ROUND, SPHERES, Rounds
 
 
 def compile_part(part: str) -> None:
@@ -64,6 +65,7 @@ def compile_part(part: str) -> None:
                 "media": _compile_media,
                 "motion": _compile_motion,
                 "subsurface": _compile_subsurface,
+                "curves": _compile_curves,
                 "cache": _compile_cache,
                 "learning": _compile_learning,
                 "fields": _compile_fields,
@@ -158,6 +160,18 @@ def _compile_subsurface() -> None:
     scene.materials[0].graph = wax
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, spectral=spectral)
+
+
+def _compile_curves() -> None:
+    # Two segments of a strand, then two spheres; the scene's clear material lets shadows through them.
+    strand, spheres = np.array([(0, 1, 0), (1, 2, 0)], np.uint32), np.array([(0, 0, 0), (1, 1, 1)], np.uint32)
+    for shape, rows in ((ROUND, strand), (SPHERES, spheres)):
+        scene = small_scene()
+        square = scene.meshes[0]
+        rounds = Rounds(shape, np.full(len(square.vertices), 0.1, np.float32))
+        scene.meshes[0] = Mesh(shape, shape, square.vertices, rows, None, np.zeros(2, np.int32), rounds=rounds)
+        for spectral in ("OFF", "ON"):
+            _render("OFF", scene=scene, spectral=spectral)
 
 
 def _compile_motion() -> None:
