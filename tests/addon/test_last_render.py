@@ -83,7 +83,10 @@ def test_a_render_leaves_what_it_said_for_the_panel(cube_scene: Any) -> None:
     from addon import last_render
 
     cube = cube_scene.objects["Cube"]
-    tree = cube.data.materials[0].node_tree
+    material = bpy.data.materials.new("Clay")
+    material.use_nodes = True
+    cube.data.materials.append(material)
+    tree = material.node_tree
     shader = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
     tree.links.new(tree.nodes.new("ShaderNodeTexIES").outputs[0], shader.inputs["Roughness"])
     cube_scene.neuralguide.guiding_method = "AUTO"
