@@ -39,6 +39,7 @@ from engine.scene.description import (
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.scene.instances import plain_instances
+from engine.scene.rounds import SPHERES, Rounds
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
@@ -420,6 +421,8 @@ CHANGES: dict[str, list[Change]] = {
     "Mesh.grids": [_set("meshes.0.grids", {"Tint": _grid()})],
     "Mesh.volume_motion": [_set("meshes.0.volume_motion", VolumeMotion(_grid(), 0.5, 2.0))],
     "Mesh.dicing": [_set("meshes.0.dicing", Dicing(2, np.eye(3, 4), 0.3, 0.0, np.zeros((0, 4)), 0.0))],
+    "Mesh.rounds": [lambda d: _set("meshes.0.rounds", Rounds(
+        SPHERES, np.full(len(d.meshes[0].vertices), 0.1, np.float32)))(d)],
     "Mesh.motion_normals": [_edit("meshes.3.motion_normals", lambda n: n[..., ::-1].copy())],
     "Instances.mesh": [_edit("instances.mesh", _with_entry(1, 3)), _edit("instances.mesh", _with_entry(1, 1))],
     "Instances.transform": [_edit("instances.transform", _with_entry(k, _at(0.5, 0.5, 0.5))) for k in (0, 2, 5)]
