@@ -13,6 +13,7 @@ from engine.accel.accelerator import Accelerator
 from engine.accel.hierarchies import MeshHierarchies
 from engine.array_types import Float32Array, Int64Array
 from engine.builder.motion import MOST_KEYS, keys_of_motions
+from engine.builder.rounds import is_uniform
 from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
 from engine.scene.content import Kept, Versions
 from engine.scene.description import Instances, Mesh, Notice, SceneDescription
@@ -157,14 +158,14 @@ class _Placed:
 
 
 def _place(
-    instances: Instances, mesh_count: int, motions: dict[int, np.ndarray], cache: GeometryCache
+    instances: Instances, meshes: Sequence[Mesh], motions: dict[int, np.ndarray], cache: GeometryCache
 ) -> _Placed:
     """Where meshes are stored.
 
     Those with a single user that stands still are stored in world space, so that most scenes are one flat hierarchy;
-    the others stay in object space and are instanced.
+    the others stay in object space and are instanced, as are curves and spheres that are stretched.
     """
-    count = len(instances.mesh)
+    count, mesh_count = len(instances.mesh), len(meshes)
     transforms = np.ascontiguousarray(instances.transform[:, :3, :].reshape(count, 12), np.float32)
     finite = np.isfinite(transforms).all(axis=1)
     matrices = instances.transform if finite.all() else np.where(finite[:, None, None], instances.transform, 0.0)
@@ -178,7 +179,8 @@ def _place(
     is_moved = cache.moved_meshes(first_user, users, instances)
     placements: list[Placement | None] = [None] * mesh_count
     for mesh, user in enumerate(first_user.tolist()):
-        if user >= 0 and users[mesh] == 1 and finite[user] and user not in motions and not is_moved[mesh]:
+        is_alone = user >= 0 and users[mesh] == 1 and finite[user] and user not in motions and not is_moved[mesh]
+        if is_alone and (meshes[mesh].rounds is None or is_uniform(instances.transform[user])):
             is_baked[user] = True
             placements[mesh] = Placement(instances.transform[user], None if singular[user] else inverse[user])
     return _Placed(transforms, inverses, determinant, singular, is_baked, placements)
@@ -216,7 +218,7 @@ def build_geometry(
     def build() -> tuple[GeometryArrays, list[Notice]]:
         motion_notices: list[Notice] = []
         motions = _usable_motions(instances, motion_notices)
-        placed = _place(instances, len(meshes), motions, cache)
+        placed = _place(instances, meshes, motions, cache)
 
         def shape() -> tuple[Shapes, list[Notice]]:
             found: list[Notice] = []

@@ -21,6 +21,16 @@ SHAPES = {
 }
 
 
+def is_uniform(matrix: Float32Array) -> bool:
+    """Whether an affine map (3 or 4, 4) keeps round things round, which have no other radius in world space.
+
+    It does where its rows and columns are equally long, up to 1e-6 of squares [m^2], as in Cycles.
+    """
+    linear = np.asarray(matrix[:3, :3], np.float64)
+    squares = np.concatenate([(linear**2).sum(axis=axis) for axis in (0, 1)])
+    return bool((np.abs(squares - squares[0]) < 1e-6).all())
+
+
 def lay_radii(
     meshes: Sequence[Mesh], transforms: Sequence[Float32Array | None], notices: list[Notice]
 ) -> tuple[Float32Array, Int32Array]:

@@ -13,6 +13,7 @@ from engine.accel.rounds import control_points
 from engine.accel.scratch import RayScratch
 from engine.accel.skipped_triangles import start_on
 from engine.builder.geometry import build_geometry
+from engine.builder.rounds import is_uniform
 from engine.runtime.jit import kernel
 from engine.scene.description import Mesh, Notice
 from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
@@ -102,3 +103,17 @@ def test_what_is_no_number_is_left_out_and_named() -> None:
     assert np.isinf(_traced(built, 0.5, 1.0)) and not np.isinf(_traced(built, 1.5, 0.0))
     problems = " ".join(notice.problem for notice in built[3])
     assert "NaN" in problems and "radii are negative" in problems
+
+
+@pytest.mark.parametrize("shape", [ROUND_LINEAR, SPHERES])
+def test_what_is_stretched_is_no_longer_round(shape: str) -> None:
+    """A radius of 0.1 m is 0.2 m along y and 0.1 m along z where y is stretched twice."""
+    stretched = np.diag([1.0, 2.0, 1.0, 1.0]).astype(np.float32)
+    built = _built(_mesh(shape), stretched)
+    assert _traced(built, 1.0, 0.19) < np.inf and _traced(built, 1.0, 0.21) == np.inf
+    assert _traced(built, 1.0, 0.0) == pytest.approx(4.9, abs=1e-4)
+
+
+def test_curves_that_keep_their_shape_are_stored_in_the_world() -> None:
+    turned = 2.0 * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert is_uniform(turned) and not is_uniform(np.diag([1.0, 1.3, 0.9]))
