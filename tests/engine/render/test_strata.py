@@ -15,7 +15,7 @@ from engine.guiding.policy import sets
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.records.training_rows import ROW_U
 from engine.kernels.rng import SET_TIME, pixel_hash, sample_4d
-from engine.render import session
+from engine.render import resolution
 from engine.render.session import Session
 from engine.render.strata import StrataFilm, StrataSchedule, strata_count
 from engine.runtime.jit import kernel
@@ -257,7 +257,7 @@ def test_more_strata_than_samples_are_none(samples, untrained):
 @pytest.mark.parametrize("is_moving", [True, False])
 def test_only_what_moves_has_strata(is_moving, untrained, monkeypatch):
     found = []
-    monkeypatch.setattr(session, "strata_count", lambda *given: found.append(strata_count(*given)) or found[-1])
+    monkeypatch.setattr(resolution, "strata_count", lambda *given: found.append(strata_count(*given)) or found[-1])
     description = emitter_scene()
     if not is_moving:
         description.instances.motion.clear()
