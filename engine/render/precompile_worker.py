@@ -163,13 +163,10 @@ def _compile_subsurface() -> None:
 
 
 def _compile_curves() -> None:
-    # Two segments of a strand, then two spheres; the scene's clear material lets shadows through them.
-    strand, spheres = np.array([(0, 1, 0), (1, 2, 0)], np.uint32), np.array([(0, 0, 0), (1, 1, 1)], np.uint32)
-    for shape, rows in ((ROUND, strand), (SPHERES, spheres)):
+    for shape in (ROUND, SPHERES):
         scene = small_scene()
-        square = scene.meshes[0]
-        rounds = Rounds(shape, np.full(len(square.vertices), 0.1, np.float32))
-        scene.meshes[0] = Mesh(shape, shape, square.vertices, rows, None, np.zeros(2, np.int32), rounds=rounds)
+        # The scene's clear material lets shadows through some of them.
+        scene.meshes[0] = strand(shape)
         for spectral in ("OFF", "ON"):
             _render("OFF", scene=scene, spectral=spectral)
 
@@ -264,3 +261,11 @@ def small_scene() -> SceneDescription:
         lights=[Light(kind, kind, kind, up, white, 10.0, **of.example) for kind, of in LAMP_KINDS.items()],
         world=World("world", "World", gradient, sampling="MANUAL", map_resolution=8),
     )
+
+
+def strand(shape: str = ROUND) -> Mesh:
+    """A strand of two segments along the square's edges, or two spheres at its corners."""
+    square = small_scene().meshes[0]
+    rows = [(0, 0, 0), (1, 1, 1)] if shape == SPHERES else [(0, 1, 0), (1, 2, 0)]
+    rounds = Rounds(shape, np.full(len(square.vertices), 0.1, np.float32))
+    return Mesh(shape, shape, square.vertices, np.array(rows, np.uint32), None, np.zeros(2, np.int32), rounds=rounds)

@@ -11,7 +11,7 @@ import pytest
 
 from engine.methods import METHODS
 from engine.render import tracer
-from engine.render.precompile_worker import small_scene
+from engine.render.precompile_worker import small_scene, strand
 from engine.render.session import Session
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
@@ -33,6 +33,7 @@ _OF_MEDIA = {
     "draw_collision_candidates", "resample_collisions",
 }  # fmt: skip
 _OF_SUBSURFACE = {"walk_subsurface", "leave_subsurface"}
+_OF_CURVES = {"prepare_rounds", "prepare_passed_rounds"}
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
 
@@ -219,6 +220,9 @@ def test_the_main_loop_passes_what_its_stages_take(
     has_subsurface = method == "VMM_RIS"
     if has_subsurface:
         description.materials[0].graph = below().graph
+        # Shadow rays pass a strand of the clear material.
+        description.meshes.append(strand())
+        description.instances.mesh[1] = 1
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
     description.passes = PassSettings(aovs=(Aov("Value", False),))
@@ -246,7 +250,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     if not has_media:
         unused |= _OF_MEDIA
     if not has_subsurface:
-        unused |= _OF_SUBSURFACE
+        unused |= _OF_SUBSURFACE | _OF_CURVES
     if roulette != "LEARNED":
         unused |= {"play_adjoint_roulette"}
     assert set(stages) - set(bound) == unused
