@@ -70,8 +70,7 @@ def _bumpy(key: str, seed: int) -> Mesh:
         {
             "UV": Attribute("CORNER", vertices[triangles.ravel(), :2].copy()),
             "Other": Attribute("CORNER", vertices[triangles.ravel(), 1::-1].copy()),
-            "Tint": Attribute("POINT", rng.random((25, 4)).astype(np.float32)),
-            "Tone": Attribute("POINT", rng.random((25, 4)).astype(np.float32)),
+            **{name: Attribute("POINT", rng.random((25, 4)).astype(np.float32)) for name in ("Tint", "Tone")},
         },
         default_uv="UV", default_color="Tint", texture_space=np.array([(0, 0, 0), (1, 1, 1)], np.float32),
     )  # fmt: skip
@@ -421,8 +420,7 @@ CHANGES: dict[str, list[Change]] = {
     "Mesh.grids": [_set("meshes.0.grids", {"Tint": _grid()})],
     "Mesh.volume_motion": [_set("meshes.0.volume_motion", VolumeMotion(_grid(), 0.5, 2.0))],
     "Mesh.dicing": [_set("meshes.0.dicing", Dicing(2, np.eye(3, 4), 0.3, 0.0, np.zeros((0, 4)), 0.0))],
-    "Mesh.rounds": [lambda d: _set("meshes.0.rounds", Rounds(
-        SPHERES, np.full(len(d.meshes[0].vertices), 0.1, np.float32)))(d)],
+    "Mesh.rounds": [_set("meshes.0.rounds", Rounds(SPHERES, np.full(25, 0.1, np.float32)))],
     "Mesh.motion_normals": [_edit("meshes.3.motion_normals", lambda n: n[..., ::-1].copy())],
     "Instances.mesh": [_edit("instances.mesh", _with_entry(1, 3)), _edit("instances.mesh", _with_entry(1, 1))],
     "Instances.transform": [_edit("instances.transform", _with_entry(k, _at(0.5, 0.5, 0.5))) for k in (0, 2, 5)]
@@ -707,5 +705,4 @@ def test_a_scene_that_keeps_no_meshes_is_built_of_them_all_the_same():
     assert np.array_equal(given_up.geometry.vertices, kept.geometry.vertices)
     majorants, others = kept.media.arrays.majorants, given_up.media.arrays.majorants
     assert majorants.values.max() > 0.0
-    assert np.array_equal(others.values, majorants.values)
-    assert np.array_equal(others.space, majorants.space)
+    assert np.array_equal(others.values, majorants.values) and np.array_equal(others.space, majorants.space)
