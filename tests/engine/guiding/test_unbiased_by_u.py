@@ -27,7 +27,7 @@ from benchmarks import metrics
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.policy import sets
 from engine.guiding.records.vertices import VertexRecords
-from engine.render import session, tracer
+from engine.render import request, resolution, tracer
 from engine.render.session import Session
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.scene.description import VISIBLE_CAMERA, SceneDescription
@@ -158,7 +158,7 @@ def strata_means(seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch, samples:
             super().__init__(*arguments, **options)
             films.append(self)
 
-    monkeypatch.setattr(session, "StrataFilm", KeptFilm)
+    monkeypatch.setattr(request, "StrataFilm", KeptFilm)
     if "strata" not in settings:
         is_guided = "guiding_method" in settings
 
@@ -166,7 +166,7 @@ def strata_means(seeds: Sequence[int], monkeypatch: pytest.MonkeyPatch, samples:
             left = samples - sample
             return (ALL_STRATA, min(left, sample + 1, 256) if is_guided else left) if left else None
 
-        monkeypatch.setattr(session, "strata_count", lambda *_: PARTS)
+        monkeypatch.setattr(resolution, "strata_count", lambda *_: PARTS)
         monkeypatch.setattr(StrataSchedule, "next", following)
     images = []
     for seed in seeds:
