@@ -18,6 +18,8 @@ _LEFT_OUT = {
     "ShaderNodeVolumeInfo", "ShaderNodeOutputLight",
     # Named by notices, so that their pictures are not compared.
     "ShaderNodeTexSky", "ShaderNodeWireframe", "ShaderNodeTexIES", "ShaderNodeAmbientOcclusion", "ShaderNodeBevel",
+    # On meshes their tangent is of our own choice (docs/differences.md).
+    "ShaderNodeBsdfHair", "ShaderNodeBsdfHairPrincipled",
 }  # fmt: skip
 _SURFACES = ("ShaderNodeBsdf", "ShaderNodeEmission", "ShaderNodeHoldout", "ShaderNodeEeveeSpecular")
 _EXTREMES = (0.0, 0.0, 1.0, -1.0, 1e-6, 1e-3, 30.0, 1e4, 1e6, -1e3)
@@ -52,7 +54,7 @@ def known_kinds() -> dict[str, list[str]]:
     closures = (kind for kind, closure in nodes_closure.CLOSURES.items() if closure.inputs is not None)
     kinds = {
         "values": [kind for kind in VALUES if kind not in _LEFT_OUT],
-        "surfaces": [kind for kind in closures if kind.startswith(_SURFACES)],
+        "surfaces": [kind for kind in closures if kind.startswith(_SURFACES) and kind not in _LEFT_OUT],
         "volumes": list(VOLUMES),
     }
     tree = bpy.data.node_groups.new("Every node", "ShaderNodeTree")
