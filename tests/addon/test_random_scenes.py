@@ -17,13 +17,16 @@ from tests.helpers.fuzz.judge import judge
 
 SCENES = 300
 SCENES_OF_A_TEST = 25
+#: Scenes whose means differ for a reason in docs/differences.md. 232: light that Cycles sends through glass of a
+#: roughness of 1 by facets that there are not; at a roughness of 0.2 both agree.
+EXPLAINED = {232}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, SCENES, SCENES_OF_A_TEST))
 def test_random_scenes(first: int, blender: Any, tmp_path: Path) -> None:
     verdicts = [judge(seed, tmp_path) for seed in range(first, first + SCENES_OF_A_TEST)]
-    assert {item.seed: item.problems for item in verdicts if item.problems} == {}
+    assert {item.seed: item.problems for item in verdicts if item.problems and item.seed not in EXPLAINED} == {}
     # The test can fail: most scenes are compared, and many of them show something.
     compared = [item.theirs for item in verdicts if item.theirs is not None]
     assert sum(bool(image[..., :3].any()) for image in compared) >= SCENES_OF_A_TEST // 3
