@@ -216,6 +216,25 @@ def _between(array, a, b, fraction):
 
 
 @kernel(forceinline=True)
+def _vertex_keys(geometry, mesh, time):
+    """What to add to a vertex for its row at the key before `time`, then for the key behind, and the share of that."""
+    motion = geometry.mesh_table[mesh, MESH_MOTION]
+    key, fraction = key_at(geometry.motion_table[motion, MOTION_STEP_COUNT], time)
+    step = np.int64(geometry.mesh_table[mesh, MESH_VERTEX_COUNT])
+    offset = np.int64(geometry.motion_table[motion, MOTION_FIRST_VERTEX]) + key * step
+    return offset - geometry.mesh_table[mesh, MESH_FIRST_VERTEX], step, fraction
+
+
+@kernel
+def vertex_at(geometry, mesh, vertex, time):
+    """A vertex of a mesh, in the space that the mesh is stored in."""
+    if geometry.mesh_table[mesh, MESH_MOTION] < 0:
+        return load(geometry.vertices, vertex)
+    offset, step, fraction = _vertex_keys(geometry, mesh, time)
+    return _between(geometry.vertices, vertex + offset, vertex + offset + step, fraction)
+
+
+@kernel(forceinline=True)
 def triangle_at(geometry, mesh, triangle, time):
     """Vertices of a triangle, in the space that the mesh is stored in."""
     if geometry.mesh_table[mesh, MESH_MOTION] >= 0:
@@ -232,11 +251,7 @@ def _bent_triangle(geometry, mesh, triangle, time):
     a = np.int64(geometry.triangles[triangle, 0])
     b = np.int64(geometry.triangles[triangle, 1])
     c = np.int64(geometry.triangles[triangle, 2])
-    motion = geometry.mesh_table[mesh, MESH_MOTION]
-    key, fraction = key_at(geometry.motion_table[motion, MOTION_STEP_COUNT], time)
-    step = np.int64(geometry.mesh_table[mesh, MESH_VERTEX_COUNT])
-    offset = np.int64(geometry.motion_table[motion, MOTION_FIRST_VERTEX]) + key * step
-    offset -= geometry.mesh_table[mesh, MESH_FIRST_VERTEX]
+    offset, step, fraction = _vertex_keys(geometry, mesh, time)
     a += offset
     b += offset
     c += offset

@@ -13,12 +13,12 @@ import numpy as np
 from engine.kernels.motion import (
     direction_to_object,
     direction_to_world,
-    key_at,
     normal_to_world,
     point_to_object,
     point_to_world,
+    vertex_at,
 )
-from engine.kernels.vector import add, cross, dot, load, normalize, scale, subtract
+from engine.kernels.vector import add, cross, dot, normalize, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
@@ -27,12 +27,8 @@ from engine.state.geometry import (
     MESH_FIRST_RADIUS,
     MESH_FIRST_TRIANGLE,
     MESH_FIRST_VERTEX,
-    MESH_MOTION,
     MESH_SHAPE,
     MESH_TRIANGLE_COUNT,
-    MESH_VERTEX_COUNT,
-    MOTION_FIRST_VERTEX,
-    MOTION_STEP_COUNT,
     SHAPE_RIBBONS,
     SHAPE_ROUND_LINEAR,
     SHAPE_SPHERES,
@@ -55,20 +51,6 @@ _DIAGONAL = np.float32(1.0 / math.sqrt(3.0))
 
 
 @kernel
-def _vertex_at(geometry, mesh, vertex, time):
-    """A vertex of a mesh, in the space that it is stored in."""
-    motion = geometry.mesh_table[mesh, MESH_MOTION]
-    if motion < 0:
-        return load(geometry.vertices, vertex)
-    key, fraction = key_at(geometry.motion_table[motion, MOTION_STEP_COUNT], time)
-    step = np.int64(geometry.mesh_table[mesh, MESH_VERTEX_COUNT])
-    before = vertex - geometry.mesh_table[mesh, MESH_FIRST_VERTEX]
-    before += np.int64(geometry.motion_table[motion, MOTION_FIRST_VERTEX]) + key * step
-    a, b = load(geometry.vertices, before), load(geometry.vertices, before + step)
-    return add(scale(a, 1.0 - fraction), scale(b, fraction))
-
-
-@kernel
 def _ends_of(geometry, segment):
     """The vertices of a segment, rows of `vertices`."""
     return np.int64(geometry.triangles[segment, 0]), np.int64(geometry.triangles[segment, 1])
@@ -78,7 +60,7 @@ def _ends_of(geometry, segment):
 def _curve_at(geometry, mesh, segment, u, time):
     """Where a curve is, and its derivative by u, in the space that it is stored in."""
     a, b = _ends_of(geometry, segment)
-    p1, p2 = _vertex_at(geometry, mesh, a, time), _vertex_at(geometry, mesh, b, time)
+    p1, p2 = vertex_at(geometry, mesh, a, time), vertex_at(geometry, mesh, b, time)
     along = subtract(p2, p1)
     if geometry.mesh_table[mesh, MESH_SHAPE] == SHAPE_ROUND_LINEAR:
         return add(p1, scale(along, u)), along
@@ -87,9 +69,9 @@ def _curve_at(geometry, mesh, segment, u, time):
     root = geometry.triangles[segment, 2]
     p0, p3 = p1, p2
     if segment > first and geometry.triangles[segment - 1, 2] == root and geometry.triangles[segment - 1, 1] == a:
-        p0 = _vertex_at(geometry, mesh, np.int64(geometry.triangles[segment - 1, 0]), time)
+        p0 = vertex_at(geometry, mesh, np.int64(geometry.triangles[segment - 1, 0]), time)
     if segment < last and geometry.triangles[segment + 1, 2] == root and geometry.triangles[segment + 1, 0] == b:
-        p3 = _vertex_at(geometry, mesh, np.int64(geometry.triangles[segment + 1, 1]), time)
+        p3 = vertex_at(geometry, mesh, np.int64(geometry.triangles[segment + 1, 1]), time)
     before, after = scale(subtract(p2, p0), 0.5), scale(subtract(p3, p1), 0.5)
     # Hermite's form, of which the tangents are these.
     square = subtract(scale(along, 3.0), add(scale(before, 2.0), after))
@@ -119,7 +101,7 @@ def shape_at(geometry, instance):
 def centre_of(geometry, instance, row, time):
     """Where the centre of a sphere is in the world."""
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
-    centre = _vertex_at(geometry, mesh, np.int64(geometry.triangles[row, 0]), time)
+    centre = vertex_at(geometry, mesh, np.int64(geometry.triangles[row, 0]), time)
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
         return centre
     return point_to_world(geometry, instance, time, centre)

@@ -139,11 +139,10 @@ def _turn(entry, p, direction, g, step, u_way, u1, u2):
         if is_backward:
             cosine = -cosine
         new = direction_about(entry.n, cosine, u2)
-        phase = henyey_greenstein(dot(direction, new), g_now)
     else:
         new = scatter_by_phase(direction, g_now, u1, u2)
-        phase = henyey_greenstein(dot(direction, new), g_now)
         cosine = dot(new, entry.n)
+    phase = henyey_greenstein(dot(direction, new), g_now)
     forward, back = 1.0 - cosine / entry.length, 1.0 + cosine / entry.length
     ways = Ways(
         fraction, backward, towards_density(entry, cosine) / phase, towards_density(entry, -cosine) / phase, forward,
