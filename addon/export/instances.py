@@ -27,6 +27,7 @@ from engine.scene.description import (
 from ..versions import read_setting
 from .context import ExportContext
 from .gases import Gas, gas_of
+from .hashes import lookup3
 from .instance_attributes import PATH_LENGTH, InstanceAttributes, can_read_instances
 from .materials import MaterialExporter
 from .object_properties import NOTHING, Value, find_property
@@ -194,24 +195,11 @@ def is_invertible(transform: Float32Array) -> npt.NDArray[np.bool_]:
 
 
 def random_of_name(name: str) -> int:
-    """Cycles' random number of an object that is no instance: a hash of its name (Jenkins' lookup3, 2006)."""
-    mask = 0xFFFFFFFF
+    """Cycles' random number of an object that is no instance: a hash of its name."""
     text = 0
     for byte in name.encode():
-        text = (text * 37 + byte) & mask
-    a = b = c = (0xDEADBEEF + (2 << 2) + 13) & mask
-    a = (a + text) & mask
-
-    def rotate(x: int, k: int) -> int:
-        return ((x << k) | (x >> (32 - k))) & mask
-
-    c = ((c ^ b) - rotate(b, 14)) & mask
-    a = ((a ^ c) - rotate(c, 11)) & mask
-    b = ((b ^ a) - rotate(a, 25)) & mask
-    c = ((c ^ b) - rotate(b, 16)) & mask
-    a = ((a ^ c) - rotate(c, 4)) & mask
-    b = ((b ^ a) - rotate(a, 14)) & mask
-    return ((c ^ b) - rotate(b, 24)) & mask
+        text = (text * 37 + byte) & 0xFFFFFFFF
+    return int(lookup3(text))
 
 
 def _classify(

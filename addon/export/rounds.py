@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from engine.array_types import Float32Array, Int32Array, Uint32Array
+from engine.array_types import Float32Array, Int32Array
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import Attribute, Mesh
 from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
@@ -19,6 +19,7 @@ from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
 from .attributes import read_values
 from .context import ExportContext
 from .geometry import export_kept
+from .hashes import hash_to_unit
 from .materials import AttributeRequest
 from .particle_hair import ParticleHair, read_hair
 
@@ -69,24 +70,6 @@ def export_rounds(
         return export_kept(context, owner, f"{source.name} (hair)", request, read_it)
     read = _read_points if isinstance(source, bpy.types.PointCloud) else _read_curves
     return export_kept(context, owner, source.name_full, request, partial(read, context, source, request))
-
-
-def hash_to_unit(numbers: npt.NDArray[np.int64]) -> Float32Array:
-    """Cycles' random numbers of strands and points, float32 (N,): a hash of their index (Jenkins' lookup3, 2006)."""
-    start = np.uint32(0xDEADBEEF + (2 << 2) + 13)
-    a, b, c = numbers.astype(np.uint32) + start, np.full(len(numbers), start), np.full(len(numbers), start)
-
-    def rotate(x: Uint32Array, k: int) -> Uint32Array:
-        return (x << np.uint32(k)) | (x >> np.uint32(32 - k))
-
-    c = (c ^ b) - rotate(b, 14)
-    a = (a ^ c) - rotate(c, 11)
-    b = (b ^ a) - rotate(a, 25)
-    c = (c ^ b) - rotate(b, 16)
-    a = (a ^ c) - rotate(c, 4)
-    b = (b ^ a) - rotate(a, 14)
-    c = (c ^ b) - rotate(b, 24)
-    return c.astype(np.float32) * np.float32(1.0 / 0xFFFFFFFF)
 
 
 def _read_curves(context: ExportContext, curves: Any, request: AttributeRequest) -> Mesh | None:
