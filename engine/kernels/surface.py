@@ -218,6 +218,17 @@ def _step_off(x, n):
 
 
 @kernel
+def behind(distance):
+    """How far from where it was met a ray begins that goes on in place through a surface at `distance` [m].
+
+    It is the step to the next float32, as in Cycles: what lies in the same place is not met behind the surface. Two
+    surfaces in one place, which skip one surface each, would be met in turn for ever.
+    """
+    distance = np.float32(distance)
+    return np.int32(distance.view(np.int32) + 1).view(np.float32) - distance
+
+
+@kernel
 def ray_start(geometry, instance, triangle, p, direction, time):
     """Where a ray starts in place that leaves a triangle at `p`, which it skips: there, with rare exceptions.
 

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: find what each path's ray hits first."""
 
+import numpy as np
+
 from engine.accel.masks import CATCHER_MASK_SHIFT
 from engine.accel.rays import read_hit, trace_closest, trace_closest_from
 from engine.accel.skipped_triangles import start_on
 from engine.kernels.prefetch import ask_for_ray, lane_ahead
-from engine.kernels.surface import ray_start
+from engine.kernels.surface import behind, ray_start
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -15,6 +17,7 @@ from engine.state.lanes import (
     RAY_STARTS_ON,
     RAY_SUBSURFACE,
     RAY_TRANSMIT,
+    RAY_TRANSPARENT,
     RAY_VOLUME,
 )
 from engine.wavefront.columns import CLOSEST_RAYS, SCENE_HANDLE, UNIT_FOLLOWS
@@ -49,8 +52,9 @@ def intersect_closest(scene, unit, work, queue):
             instance, triangle = paths.hit_instance[lane], paths.hit_triangle[lane]
             origin = ray_start(geometry, instance, triangle, origin, direction, time)
             store(paths.origin, lane, origin)
+            near = behind(paths.mis_distance[lane]) if paths.flags[lane] & RAY_TRANSPARENT else np.float32(0.0)
             start_on(bits, geometry, instance, triangle)
-            hit = trace_closest_from(handle, ray, bits, address, origin, direction, 0.0, far, time, visibility)
+            hit = trace_closest_from(handle, ray, bits, address, origin, direction, near, far, time, visibility)
         else:
             hit = trace_closest(handle, ray, bits, address, origin, direction, 0.0, far, time, visibility)
         if hit:

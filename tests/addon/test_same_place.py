@@ -216,6 +216,23 @@ def test_glass_on_a_table_is_as_dark_as_in_cycles(
     assert found[0] < most * found[1]
 
 
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0), TILT], ids=["level", "tilted"])
+def test_a_transparent_label_in_glass_dims_once(blender: Any, tmp_path: Path, rotation: Any):
+    """A ray that has passed the label does not meet it again from the glass that lies in its place: it was black."""
+    found = []
+    for gap in (0.0, APART):
+        scene = scene_of(24, 18, world=1.0)
+        cube("Box", 2.0, (0.0, 0.0, 1.0)).data.materials.append(material_of("ShaderNodeBsdfGlass", Roughness=0.0))
+        label = material_of("ShaderNodeBsdfTransparent", Color=(0.5, 0.5, 0.5, 1.0))
+        plane("Label", 1.8, (0.0, 0.0, 2.0 + gap), material=label)
+        turn_all(rotation)
+        scene.camera.matrix_world = Matrix.Translation((0.0, 0.0, 9.0))
+        scene.camera.data.lens = 200.0
+        ours, theirs = means(scene, tmp_path, 32)
+        found.append(ours)
+    assert found[0] == pytest.approx(found[1], rel=0.2)
+
+
 def survey(distance: float, size: float = 60.0) -> Any:
     """A cube that floats above a floor of some size, in the sun, so far from the origin."""
     place = Vector((distance, 0.3 * distance, 0.0))
