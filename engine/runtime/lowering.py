@@ -4,6 +4,9 @@
 Numba clears the room for what a called function returns, at the start of the function that calls. Where that is inlined
 into a loop, as instructions of shaders are, the loop clears it in every round, for all calls that it does not make too.
 The called function sets all of it before anybody reads it: kernels do not raise.
+
+Numba makes machine code of what only other kernels call, too. Nobody runs it: callers have copies of their own, inlined
+or beside them.
 """
 
 from __future__ import annotations
@@ -11,6 +14,8 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
+from numba import _dynfunc
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.lowering import Lower
@@ -38,6 +43,14 @@ class _KernelLower(Lower):
         leave_uncleared(self.function)
 
 
+class CalleeLibrary(JITCodeLibrary):
+    """Code for others to link, of which no machine code is made."""
+
+    def _finalize_final_module(self) -> None:
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _KernelLowering(BaseNativeLowering):
     _name = "kernel_lowering"
@@ -45,6 +58,23 @@ class _KernelLowering(BaseNativeLowering):
     @property
     def lowering_class(self) -> type[Lower]:
         return _KernelLower
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower a function; one without wrappers, to which nothing but other functions leads, is not made to run."""
+        flags = state.flags
+        if not (flags.no_cpython_wrapper and flags.no_cfunc_wrapper):
+            return super().run_pass(state)
+        name = state.func_id.func_qualname
+        state.library = CalleeLibrary(state.targetctx.codegen(), name)
+        flags.no_compile = True
+        super().run_pass(state)
+        lowered = state["cr"]
+        # They are found through a pointer that numba sets in machine code. No kernel has any.
+        assert not lowered.env.consts, f"{name} refers to {lowered.env.consts}, which kernels cannot"
+        # What numba's dispatcher asks for.
+        entry = _dynfunc.make_function(lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (state.library,))
+        state["cr"] = lowered._replace(cfunc=entry)
+        return True
 
 
 class KernelCompiler(CompilerBase):

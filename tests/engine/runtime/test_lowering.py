@@ -1,9 +1,51 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slots that calls return into are not cleared; all others are."""
+"""Slots that calls return into are not cleared; all others are. What only kernels call has no machine code."""
 
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
 from llvmlite import ir
+from numba.core import event
 
+from engine.runtime.jit import kernel
 from engine.runtime.lowering import leave_uncleared
+
+
+@kernel
+def _called(x):
+    return x + 1.0
+
+
+@kernel
+def _calling(x):
+    return _called(x) * 2.0
+
+
+class _Compiled(event.Listener):
+    """Numba's results by the function's name."""
+
+    def __init__(self) -> None:
+        self.results: dict[str, Any] = {}
+
+    def on_start(self, event: event.Event) -> None:
+        pass
+
+    def on_end(self, event: event.Event) -> None:
+        for result in event.data["dispatcher"].overloads.values():
+            self.results[result.fndesc.qualname] = result
+
+
+def test_only_what_python_calls_has_machine_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NEURALGUIDE_KERNEL_CACHE", str(tmp_path))
+    with event.install_listener("numba:compile", _Compiled()) as compiled:
+        assert _calling(np.float32(1.0)) == 4.0
+    address = {
+        name: result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+        for name, result in compiled.results.items()
+    }
+    assert address["_calling"] != 0 and address["_called"] == 0
 
 
 def test_only_slots_that_calls_return_into_stay_uncleared() -> None:
