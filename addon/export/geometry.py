@@ -65,7 +65,8 @@ def export_kept(
     identity = (*names, number)
     kept = context.cache.meshes.get(identity)
     diced = context.diced.get(original.as_pointer()) if request.displaces else None
-    if diced is None and kept is not None and kept.request == request and _is_untouched(context, original):
+    is_diced_alike = diced is None or (kept is not None and kept.mesh.dicing is diced)
+    if is_diced_alike and kept is not None and kept.request == request and _is_untouched(context, original):
         kept.last_used = context.cache.export_count
         return kept.mesh
     exported = read()

@@ -7,7 +7,7 @@ into two, three or four, by how many of their edges are (Bank, Sherman and Weise
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,23 +65,16 @@ class _Diced:
     places: Float32Array
 
 
-def dice_meshes(meshes: Sequence[Mesh], check_cancel: Callable[[], None] = lambda: None) -> list[Mesh]:
-    """Meshes divided as they ask to be.
+def dice(mesh: Mesh, dicing: Dicing, check_cancel: Callable[[], None] = lambda: None) -> Mesh:
+    """A mesh with its triangles divided.
 
     Raises
     ------
     ValueError
         Where there is no memory for that, naming the mesh and how many triangles it would be.
     """
-    result = []
-    for mesh in meshes:
-        if mesh.dicing is not None:
-            check_cancel()
-            count = estimated_count(mesh, mesh.dicing)
-            check_memory_of(count, f"mesh {mesh.name}, diced for its displacement,")
-            mesh = diced(mesh, mesh.dicing, check_cancel)
-        result.append(mesh)
-    return result
+    check_memory_of(estimated_count(mesh, dicing), f"mesh {mesh.name}, diced for its displacement,")
+    return diced(mesh, dicing, check_cancel)
 
 
 def estimated_count(mesh: Mesh, dicing: Dicing) -> int:

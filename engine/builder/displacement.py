@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.array_types import Float32Array, Int64Array
-from engine.builder.dicing import dice_meshes
+from engine.builder.dicing import dice
 from engine.builder.displaced_normals import displaced_normals, face_normals, unit_vectors
 from engine.builder.geometry import build_geometry
 from engine.builder.programs import Programs
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.attribute_names import SMOOTH, UNDISPLACED, UNDISPLACED_NORMALS, VERTEX_NORMALS
-from engine.scene.content import Kept, Versions
+from engine.scene.content import Versions
 from engine.scene.description import Attribute, Instances, Mesh, Notice, SceneDescription
 from engine.scene.instances import select_instances
 from engine.shaders.compiled_program import CompiledProgram
@@ -42,11 +42,18 @@ class KeptDisplacements:
         self.meshes: dict[Hashable, tuple[Mesh, list[Notice]]] = {}
         self._next = 0
         self._undiced = Versions()
-        self._diced: Kept[list[Mesh]] = Kept()
+        self._diced: dict[int, Mesh] = {}
 
     def diced(self, meshes: Sequence[Mesh], check_cancel: Callable[[], None]) -> list[Mesh]:
-        """Meshes divided as they ask to be: those at hand where none has changed."""
-        return self._diced.get(self._undiced.of(meshes), lambda: dice_meshes(meshes, check_cancel))
+        """Meshes divided as they ask to be: those at hand that have not changed."""
+        versions = self._undiced.of(meshes)
+        # Freed first: old and new may not fit into memory together.
+        self._diced = {version: mesh for version, mesh in self._diced.items() if version in versions}
+        for version, mesh in zip(versions, meshes, strict=True):
+            if mesh.dicing is not None and version not in self._diced:
+                check_cancel()
+                self._diced[version] = dice(mesh, mesh.dicing, check_cancel)
+        return [self._diced.get(version, mesh) for version, mesh in zip(versions, meshes, strict=True)]
 
     def next_number(self) -> int:
         """A number that no earlier mesh has."""
@@ -57,7 +64,7 @@ class KeptDisplacements:
         """Let go of all meshes."""
         self.versions.forget()
         self._undiced.forget()
-        self._diced.drop()
+        self._diced = {}
         self.meshes = {}
 
 
