@@ -191,7 +191,8 @@ def displaced_moves() -> None:
         point.co.z *= 0.4
     _animate(flat, "value", 0.0, 1.0)
     sheet = grid("Sheet", displaced(heights, "BOTH"), 0.9, 16)
-    for name, start, end in (("Flies", (0.2, 0.0, 0.5), (1.2, 0.0, 1.1)), ("Turns", (1.5, -0.6, 0.4), (1.5, -0.6, 0.4))):
+    ways = {"Flies": ((0.2, 0.0, 0.5), (1.2, 0.0, 1.1)), "Turns": ((1.5, -0.6, 0.4), (1.5, -0.6, 0.4))}
+    for name, (start, end) in ways.items():
         flies = add_object(name, sheet, start, (60, 0, 0))
         _animate(flies, "location", start, end)
         _animate(flies, "rotation_euler", (1.0, 0.0, -0.5), (1.0, 0.0, 0.5))
