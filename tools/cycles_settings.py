@@ -91,9 +91,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
     (
         "Subdivision", "scene.cycles",
         (
-            *_rows("said", "dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale",
+            *_rows("said", "dicing_rate max_subdivisions dicing_camera offscreen_dicing_scale preview_dicing_rate",
                    "meshes that materials displace are diced; others are divided evenly, as often as this asks for"),
-            *_rows("no", "preview_dicing_rate", "viewports divide meshes as often as their modifiers say"),
         ),
     ),
     (

@@ -7,12 +7,15 @@ import math
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from engine.scene.description import Image, Material, Mesh, Notice
 from engine.scene.dicing import Dicing
+
+if TYPE_CHECKING:
+    from .dicing import DicingView
 
 
 class ExportCancelled(Exception):
@@ -71,6 +74,8 @@ class ExportCache:
     meshes: dict[Hashable, CachedMesh] = field(default_factory=dict)
     materials: dict[Hashable, CachedMaterial] = field(default_factory=dict)
     images: dict[Hashable, CachedImage] = field(default_factory=dict)
+    #: How meshes of windows are diced, and by what settings, by the address of the original object.
+    dicings: dict[int, tuple[Hashable, Dicing]] = field(default_factory=dict)
     #: Address of the dependency graph of the last export, 0 = none.
     depsgraph: int = 0
     #: Number of the last mesh or image whose content was new.
@@ -119,11 +124,13 @@ class Window:
     is_shown : callable, whether the window shows an object
     use_lights : bool, whether it is lit by the scene's lamps
     studio : StudioLight or None, what it is lit by instead of the scene's world
+    dicing_view : DicingView or None, by what it dices meshes, unless the scene has a camera for that
     """
 
     is_shown: Callable[[bpy.types.Object], bool]
     use_lights: bool = True
     studio: StudioLight | None = None
+    dicing_view: DicingView | None = None
 
 
 @dataclass
@@ -153,7 +160,7 @@ class ExportContext:
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     #: Levels that `subdivision` has found for meshes that Cycles would dice, by the address of the original object.
     subdivision_levels: dict[int, int] = field(default_factory=dict)
-    #: How meshes are divided further for their displacement , by the same.
+    #: How meshes are divided further for their displacement, by the same.
     diced: dict[int, Dicing] = field(default_factory=dict)
     _notices: dict[Notice, None] = field(default_factory=dict)
 

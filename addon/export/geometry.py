@@ -10,17 +10,19 @@ import bpy
 import numpy as np
 
 from engine.array_types import Int32Array
-from engine.scene.attribute_names import SMOOTH, UNDEFORMED, VERTEX_NORMALS
+from engine.scene.attribute_names import FANS, SMOOTH, UNDEFORMED, VERTEX_NORMALS
 from engine.scene.content import same_content
 from engine.scene.description import Attribute, Mesh
+from engine.scene.tangents import compute_tangents
 
+from ..versions import NORMALS_STOP_AT_FLAT_FACES, is_since
 from .attributes import read_attribute, read_uv_map
 from .context import CachedMesh, ExportContext
+from .fans import read_fans
 from .materials import AttributeRequest
 from .normals import has_normals_of_corners, read_flat_triangles, read_normals, read_vertex_normals
 from .positions import read_positions, read_undeformed
 from .standard_attributes import is_hidden, is_standard, read_standard
-from .tangents import compute_tangents
 from .topology import Topology, gather, read_topology
 
 
@@ -65,7 +67,8 @@ def export_kept(
     identity = (*names, number)
     kept = context.cache.meshes.get(identity)
     diced = context.diced.get(original.as_pointer()) if request.displaces else None
-    if diced is None and kept is not None and kept.request == request and _is_untouched(context, original):
+    is_diced_alike = diced is None or (kept is not None and kept.mesh.dicing is diced)
+    if is_diced_alike and kept is not None and kept.request == request and _is_untouched(context, original):
         kept.last_used = context.cache.export_count
         return kept.mesh
     exported = read()
@@ -74,6 +77,8 @@ def export_kept(
         return None
     if diced is not None:
         exported.dicing = diced
+        # Cycles splits no mesh that it divides itself.
+        exported.attributes.pop(FANS, None)
     if kept is not None and is_equal(kept.mesh, exported):
         exported = kept.mesh
     else:
@@ -149,6 +154,10 @@ def _add_normals(mesh: bpy.types.Mesh, topology: Topology, exported: Mesh) -> No
     """What normals of a mesh that is to be displaced are made of."""
     if not has_normals_of_corners(mesh):
         exported.attributes[VERTEX_NORMALS] = Attribute("POINT", read_vertex_normals(mesh))
+    elif not is_since(NORMALS_STOP_AT_FLAT_FACES):
+        fans = read_fans(mesh)
+        if fans is not None:
+            exported.attributes[FANS] = Attribute("CORNER", gather(fans, topology.corners)[:, None])
     if exported.corner_normals is not None:
         is_smooth = ~read_flat_triangles(mesh, topology)
         exported.attributes[SMOOTH] = Attribute("FACE", is_smooth.astype(np.float32)[:, None])

@@ -27,7 +27,7 @@ from .pass_settings import export_pass_settings, read_requests
 from .rounds import export_rounds
 from .shutter import Clock, Shutter, read_rolling_shutter, read_shutter, read_shutter_curve
 from .studio_light import export_studio_light
-from .subdivision import cap_levels
+from .subdivision import cap_levels, dice_in_window
 from .unsupported import notice_scene
 from .volumes import export_volume, medium_density
 from .world import export_world
@@ -115,6 +115,8 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))
     if camera_object is not None:
         cap_levels(context, camera_object, frame)
+    elif context.window is not None:
+        dice_in_window(context, context.window)
     curve, rolling = None, 1.0
     if shutter is not None and camera_object is not None:
         curve, rolling = read_shutter_curve(context.scene.render), read_rolling_shutter(context.scene)

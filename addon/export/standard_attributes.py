@@ -13,12 +13,12 @@ import numpy.typing as npt
 
 from engine.array_types import Float32Array
 from engine.scene.description import Attribute, Mesh
+from engine.scene.tangents import compute_tangents
 
 from ..versions import NORMALS_AS_ATTRIBUTES, OWN_ATTRIBUTES_FIRST, is_since
 from .attributes import read_attribute
 from .normals import has_normals_of_corners, read_corner_normals, read_flat_triangles, read_vertex_normals
 from .positions import read_undeformed
-from .tangents import compute_tangents
 from .topology import Topology, gather
 
 _PREFIX = "standard:"

@@ -19,8 +19,8 @@ import numpy as np
 from engine.scene.description import Frame
 
 from ..versions import SETTINGS, is_since, read_setting
-from .context import ExportContext, cycles_property
-from .dicing import dicing_of, rate_of
+from .context import ExportContext, Window, cycles_property
+from .dicing import DicingView, dicing_of, dicing_setting, most_levels, offscreen_scale, rate_of
 
 #: Faces that any mesh may have.
 _FEWEST_FACES = 1 << 16
@@ -30,12 +30,12 @@ _FACES_PER_PLACE = 2.0
 _ROUND_FACES = 1 << 13
 
 
-def diced_modifier(scene: bpy.types.Scene, shown: bpy.types.Object) -> Any:
+def diced_modifier(scene: bpy.types.Scene, shown: bpy.types.Object, *, in_window: bool = False) -> Any:
     """The modifier for which Cycles would dice an object's mesh, of the same copy of the object; None: it would not."""
     if shown.type not in ("MESH", "CURVE", "SURFACE", "FONT") or not shown.modifiers:
         return None
     modifier = shown.modifiers[-1]
-    if modifier.type != "SUBSURF" or not modifier.show_render:
+    if modifier.type != "SUBSURF" or not (modifier.show_viewport if in_window else modifier.show_render):
         return None
     # As long as Cycles had it, it was an experiment.
     is_offered = is_since(SETTINGS["use_adaptive_subdivision"].since)
@@ -55,8 +55,8 @@ def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: F
     context.diced.clear()
     if context.depsgraph.mode != "RENDER" or not is_since(SETTINGS["use_adaptive_subdivision"].since):
         return
-    camera = cycles_property(context.scene, "dicing_camera", None) or camera_object
-    camera = camera.evaluated_get(context.depsgraph)
+    camera = dicing_setting(context, "dicing_camera", None) or camera_object
+    view = DicingView.of_camera(context, camera.evaluated_get(context.depsgraph), frame.width, frame.height)
     for item in context.depsgraph.ids:
         if not isinstance(item, bpy.types.Object) or item.type != "MESH":
             continue
@@ -65,14 +65,45 @@ def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: F
             continue
         context.check_cancel()
         is_diced = _may_displace(item)
-        level = _visible_level(context, item, modifier, camera, frame, is_diced)
+        level = _visible_level(context, item, modifier, view, is_diced)
         if is_diced:
-            most = max(int(cycles_property(context.scene, "max_subdivisions", 12)) - level, 0)
-            found = dicing_of(context, item, modifier, camera, frame, most)
-            context.diced[item.original.as_pointer()] = found
+            most = max(most_levels(context) - level, 0)
+            context.diced[item.original.as_pointer()] = dicing_of(context, item, modifier, view, most)
         if is_diced or level < modifier.render_levels:
             context.subdivision_levels[item.original.as_pointer()] = level
     apply_levels(context)
+
+
+def dice_in_window(context: ExportContext, window: Window) -> None:
+    """Find how meshes are diced in a window: on from the level that their modifiers have there.
+
+    As in Cycles a mesh stays as it was diced, wherever the window looks, until it is touched or a setting changes.
+    """
+    context.diced.clear()
+    if window.dicing_view is None or not is_since(SETTINGS["use_adaptive_subdivision"].since):
+        return
+    kept, context.cache.dicings = context.cache.dicings, {}
+    view, camera = window.dicing_view, dicing_setting(context, "dicing_camera", None)
+    if camera is not None:
+        view = DicingView.of_camera(context, camera.evaluated_get(context.depsgraph), view.width, view.height)
+    for item in context.depsgraph.ids:
+        if not isinstance(item, bpy.types.Object) or item.type != "MESH" or not _may_displace(item):
+            continue
+        modifier = diced_modifier(context.scene, item, in_window=True)
+        if modifier is None:
+            continue
+        original = item.original
+        most = most_levels(context)
+        state = (
+            most, modifier.levels, modifier.adaptive_space, rate_of(context, modifier), offscreen_scale(context),
+            0 if camera is None else camera.original.as_pointer(),
+        )  # fmt: skip
+        before = kept.get(original.as_pointer())
+        reads = original.as_pointer(), original.data.as_pointer()
+        if before is None or before[0] != state or not context.are_untouched(reads):
+            before = state, dicing_of(context, item, modifier, view, max(most - modifier.levels, 0))
+        context.cache.dicings[original.as_pointer()] = before
+        context.diced[original.as_pointer()] = before[1]
 
 
 def _may_displace(item: bpy.types.Object) -> bool:
@@ -104,8 +135,7 @@ def _read_at_level(context: ExportContext, item: bpy.types.Object, modifier: Any
 
 
 def _visible_level(
-    context: ExportContext, item: bpy.types.Object, modifier: Any, camera: bpy.types.Object, frame: Frame,
-    is_diced: bool,
+    context: ExportContext, item: bpy.types.Object, modifier: Any, view: DicingView, is_diced: bool
 ) -> int:
     """How many times the picture can show a mesh's faces divided, at the dicing rate; if it is diced, until round."""
     mesh = _read_at_level(context, item, modifier, 0)
@@ -120,12 +150,12 @@ def _visible_level(
     if corner_count == 0 or len(edges) == 0 or not np.isfinite(positions).all():
         return 1
     ends = positions.reshape(-1, 3)[edges.reshape(-1, 2)].astype(np.float64)
-    places = float(frame.width * frame.height)
-    rate = rate_of(context.scene, modifier)
+    places = float(view.width * view.height)
+    rate = rate_of(context, modifier)
     if modifier.adaptive_space == "OBJECT":
         longest = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / max(rate, 1e-12)
     else:
-        longest = _longest_edge(context, ends, np.array(item.matrix_world, np.float64), camera, frame) / rate
+        longest = _longest_edge(context, ends, np.array(item.matrix_world, np.float64), view) / rate
         places /= max(rate, 1.0) ** 2
     # Each corner becomes a face, and each face four.
     faces = _ROUND_FACES if is_diced else max(_FACES_PER_PLACE * places, _FEWEST_FACES)
@@ -134,12 +164,10 @@ def _visible_level(
         most = 1.0
     needed = math.ceil(math.log2(max(longest, 1.0)))
     # Once at least: without any subdivision the level that Blender has taken note of would stay.
-    return max(1, min(needed, math.floor(most), int(cycles_property(context.scene, "max_subdivisions", 12))))
+    return max(1, min(needed, math.floor(most), most_levels(context)))
 
 
-def _longest_edge(
-    context: ExportContext, ends: np.ndarray, to_world: np.ndarray, camera: bpy.types.Object, frame: Frame
-) -> float:
+def _longest_edge(context: ExportContext, ends: np.ndarray, to_world: np.ndarray, view: DicingView) -> float:
     """Length of the longest edge [pixels], as if all were seen across; what is out of view counts for less.
 
     Parameters
@@ -147,31 +175,24 @@ def _longest_edge(
     ends : float64 (E, 2, 3), in the object's space
     """
     points = np.stack([ends[:, 0], ends.mean(axis=1), ends[:, 1]], axis=1)
-    to_camera = np.array(camera.matrix_world.normalized().inverted_safe(), np.float64) @ to_world
+    to_camera = view.to_camera @ to_world
     points = points @ to_camera[:3, :3].T + to_camera[:3, 3]
     lengths = np.linalg.norm(points[:, 2] - points[:, 0], axis=1)
-    data = camera.data
-    kind = data.type if camera.type == "CAMERA" else "PERSP"
-    nearest = max(getattr(data, "clip_start", 0.1), 1e-6)
-    if kind == "PANO":
+    if view.kind == "PANO":
         distance = np.linalg.norm(points, axis=2).min(axis=1)
-        return float((lengths / (np.maximum(distance, nearest) * 2.0 * math.pi / frame.width)).max())
-    render = context.scene.render
-    projection = np.array(camera.calc_matrix_camera(
-        context.depsgraph, x=frame.width, y=frame.height, scale_x=render.pixel_aspect_x, scale_y=render.pixel_aspect_y
-    ), np.float64)  # fmt: skip
+        return float((lengths / (np.maximum(distance, view.nearest) * view.pixel)).max())
     depth = -points[:, :, 2]
-    size = np.full(depth.shape, 2.0 / (abs(projection[0, 0]) * frame.width))
-    if kind != "ORTHO":
-        size *= np.maximum(depth, nearest)
+    size = np.full(depth.shape, view.pixel)
+    if view.kind != "ORTHO":
+        size *= np.maximum(depth, view.nearest)
     # In view is what has its box, in the picture's plane, there; what passes the camera may be.
-    seen = points @ projection[:2, :3].T + projection[:2, 3]
-    if kind != "ORTHO":
-        seen /= np.maximum(depth, nearest)[:, :, None]
-    is_before = (depth > nearest).any(axis=1)
+    seen = points @ view.projection[:2, :3].T + view.projection[:2, 3]
+    if view.kind != "ORTHO":
+        seen /= np.maximum(depth, view.nearest)[:, :, None]
+    is_before = (depth > view.nearest).any(axis=1)
     is_inside = ((seen.min(axis=1) <= 1.0) & (seen.max(axis=1) >= -1.0)).all(axis=1)
-    passes = is_before & (depth <= nearest).any(axis=1)
+    passes = is_before & (depth <= view.nearest).any(axis=1)
     pixels = lengths / size.min(axis=1)
     out_of_view = ~(is_before & is_inside | passes)
-    pixels[out_of_view] /= max(float(cycles_property(context.scene, "offscreen_dicing_scale", 4.0)), 1.0)
+    pixels[out_of_view] /= offscreen_scale(context)
     return float(pixels.max())

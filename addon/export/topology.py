@@ -30,7 +30,7 @@ def read_topology(mesh: bpy.types.Mesh, triangle_count: int) -> Topology:
     """Triangles of a mesh whose loop triangles were computed."""
     corners = np.empty(triangle_count * 3, np.uint32)
     mesh.loop_triangles.foreach_get("loops", corners)
-    corner_vertices = _read_corner_vertices(mesh)
+    corner_vertices = read_corner_vertices(mesh)
     polygons = np.empty(triangle_count, np.int32)
     if hasattr(mesh, "loop_triangle_polygons"):
         mesh.loop_triangle_polygons.foreach_get("value", polygons)
@@ -59,10 +59,11 @@ def read_faces(mesh: bpy.types.Mesh) -> Faces:
     """Faces of a mesh."""
     starts = np.empty(len(mesh.polygons), np.int32)
     mesh.polygons.foreach_get("loop_start", starts)
-    return Faces(_read_corner_vertices(mesh), starts)
+    return Faces(read_corner_vertices(mesh), starts)
 
 
-def _read_corner_vertices(mesh: bpy.types.Mesh) -> Int32Array:
+def read_corner_vertices(mesh: bpy.types.Mesh) -> Int32Array:
+    """Vertex of each corner."""
     corner_vertices = np.empty(len(mesh.loops), np.int32)
     stored = mesh.attributes.get(".corner_vert")
     if stored is not None:

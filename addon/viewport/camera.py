@@ -13,6 +13,7 @@ from engine.viewport.view import Region, View
 
 from ..export.camera import export_camera, film_exposure
 from ..export.context import ExportContext
+from ..export.dicing import DicingView
 from .window import border_region, frame_in_window, panorama_plane, plane_of, within
 
 if TYPE_CHECKING:
@@ -61,6 +62,17 @@ def read_view(
     transform = np.linalg.inv(np.array(region_3d.view_matrix, np.float64)).astype(np.float32)
     pixels: Region = (0, 0, width, height) if border is None else border_region(width, height, border)
     return View(replace(camera, transform=transform), plane, width, height, pixels, film_exposure(scene))
+
+
+def dicing_view(
+    region: bpy.types.Region, space: bpy.types.SpaceView3D, region_3d: bpy.types.RegionView3D
+) -> DicingView:
+    """By what a window dices meshes: its own view."""
+    kind = "PERSP" if region_3d.is_perspective else "ORTHO"
+    return DicingView(
+        np.array(region_3d.view_matrix, np.float64), np.array(region_3d.window_matrix, np.float64), kind,
+        max(region.width, 1), max(region.height, 1), space.clip_start,
+    )  # fmt: skip
 
 
 def _free_camera(space: bpy.types.SpaceView3D, *, is_perspective: bool) -> Camera:

@@ -11,7 +11,7 @@ from engine.viewport.protocol import DEAD, FAILED, RENDERING, Status
 
 from ..export import ExportCache, ExportContext, StudioLight, Window, export_scene
 from ..log import logger
-from .camera import read_view
+from .camera import dicing_view, read_view
 from .classify import Change, Touched, classify
 from .drawing import Canvas
 from .host import Host, acquire, release
@@ -90,7 +90,8 @@ class WindowView:
             return
         updated = None if self._touched is None else frozenset(self._touched)
         window = Window(
-            lambda item: item.visible_in_viewport_get(space), use_lights=key[0], studio=studio
+            lambda item: item.visible_in_viewport_get(space), use_lights=key[0], studio=studio,
+            dicing_view=dicing_view(context.region, space, context.region_data),
         )
         description = export_scene(
             depsgraph, view_layer=depsgraph.view_layer_eval, cache=self.host.cache, window=window, updated=updated

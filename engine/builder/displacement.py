@@ -14,15 +14,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from engine.array_types import Float32Array, Int64Array
-from engine.builder.dicing import dice_meshes
+from engine.builder.dicing import dice
 from engine.builder.displaced_normals import displaced_normals, face_normals, unit_vectors
+from engine.builder.fans import split_at_fans
 from engine.builder.geometry import build_geometry
 from engine.builder.programs import Programs
 from engine.kernels.bsdf import BsdfTables
-from engine.scene.attribute_names import SMOOTH, UNDISPLACED, UNDISPLACED_NORMALS, VERTEX_NORMALS
-from engine.scene.content import Kept, Versions
+from engine.scene.attribute_names import (
+    DISPLACED_TANGENT,
+    SMOOTH,
+    UNDISPLACED,
+    UNDISPLACED_NORMALS,
+    VERTEX_NORMALS,
+)
+from engine.scene.content import Versions
 from engine.scene.description import Attribute, Instances, Mesh, Notice, SceneDescription
 from engine.scene.instances import select_instances
+from engine.scene.tangents import compute_tangents
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state import lanes as layout
 from engine.state.geometry import GeometryArrays
@@ -42,11 +50,18 @@ class KeptDisplacements:
         self.meshes: dict[Hashable, tuple[Mesh, list[Notice]]] = {}
         self._next = 0
         self._undiced = Versions()
-        self._diced: Kept[list[Mesh]] = Kept()
+        self._diced: dict[int, Mesh] = {}
 
     def diced(self, meshes: Sequence[Mesh], check_cancel: Callable[[], None]) -> list[Mesh]:
-        """Meshes divided as they ask to be: those at hand where none has changed."""
-        return self._diced.get(self._undiced.of(meshes), lambda: dice_meshes(meshes, check_cancel))
+        """Meshes divided as they ask to be: those at hand that have not changed."""
+        versions = self._undiced.of(meshes)
+        # Freed first: old and new may not fit into memory together.
+        self._diced = {version: mesh for version, mesh in self._diced.items() if version in versions}
+        for version, mesh in zip(versions, meshes, strict=True):
+            if mesh.dicing is not None and version not in self._diced:
+                check_cancel()
+                self._diced[version] = dice(mesh, mesh.dicing, check_cancel)
+        return [self._diced.get(version, mesh) for version, mesh in zip(versions, meshes, strict=True)]
 
     def next_number(self) -> int:
         """A number that no earlier mesh has."""
@@ -57,7 +72,7 @@ class KeptDisplacements:
         """Let go of all meshes."""
         self.versions.forget()
         self._undiced.forget()
-        self._diced.drop()
+        self._diced = {}
         self.meshes = {}
 
 
@@ -178,6 +193,7 @@ class _Evaluation:
         if not in_range or not np.isfinite(to_world).all() or abs(np.linalg.det(to_world[:3, :3])) < 1e-30:
             # Whoever builds the geometry reports it.
             return mesh, []
+        mesh = split_at_fans(mesh)
         program_of = np.array(displacing.programs, np.int32)[mesh.material_slots]
         triangles, corners = _first_triangles(mesh, program_of >= 0)
         offsets = np.zeros(mesh.vertices.shape, np.float32)
@@ -311,10 +327,22 @@ def _moved(mesh: Mesh, offsets: Float32Array, bends: np.ndarray, asked: Sequence
             attributes[UNDISPLACED_NORMALS] = Attribute("CORNER", _smooth_normals(mesh, before))
         if VERTEX_NORMALS in asked and VERTEX_NORMALS not in attributes:
             attributes[VERTEX_NORMALS] = Attribute("CORNER", before)
-    return replace(
+    moved = replace(
         mesh, vertices=vertices, corner_normals=normals, motion_vertices=motion_vertices,
         motion_normals=motion_normals, attributes=attributes,
     )  # fmt: skip
+    _add_tangents(moved, asked)
+    return moved
+
+
+def _add_tangents(moved: Mesh, asked: Sequence[str]) -> None:
+    """Add the tangents of a displaced mesh that programs ask for."""
+    is_smooth = moved.attributes.get(SMOOTH)
+    is_flat = None if is_smooth is None else is_smooth.data[:, 0] == 0.0
+    for name in asked:
+        uv = moved.attributes.get(name.removesuffix(DISPLACED_TANGENT) or moved.default_uv)
+        if name.endswith(DISPLACED_TANGENT) and uv is not None and uv.data.shape[1] == 2 and len(moved.triangles):
+            moved.attributes[name] = compute_tangents(moved, uv.data, is_flat)
 
 
 def _smooth_normals(mesh: Mesh, corner_normals: np.ndarray) -> Float32Array:

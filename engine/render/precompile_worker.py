@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.builder.dicing import dice
 from engine.builder.lamps import LAMP_KINDS
 from engine.render import precompile
 from engine.render.compile_progress import report_to
@@ -28,6 +29,7 @@ from engine.scene.description import (
     SceneDescription,
     World,
 )
+from engine.scene.dicing import Dicing
 from engine.scene.instances import plain_instances
 from engine.scene.rounds import ROUND, SPHERES, Rounds
 
@@ -181,6 +183,7 @@ def _compile_motion() -> None:
     mesh.motion_vertices = np.stack([mesh.vertices, mesh.vertices + np.float32(0.01)])
     for method in ("OFF", "VMM_RIS"):
         _render(method, scene=scene, passes=("Combined", "Vector"))
+    dice(mesh, Dicing(1, np.eye(3, 4), 0.5, 0.0, np.zeros((0, 4)), 0.0))
 
 
 def _compile_cache() -> None:

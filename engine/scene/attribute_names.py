@@ -7,6 +7,11 @@ UNDEFORMED = "__undeformed"
 #: (where it has normals of corners there are none); and which triangles are smooth, FACE, 1 or 0.
 VERTEX_NORMALS = "__vertex_normals"
 SMOOTH = "__smooth"
+#: Which corners of a vertex stay together when the mesh is displaced, CORNER, by any number; without it all do.
+FANS = "__fans"
 #: What a displaced mesh had before, for materials that ask: positions, POINT, and normals, CORNER, 0 on flat faces.
 UNDISPLACED = "__undisplaced"
 UNDISPLACED_NORMALS = "__undisplaced_normals"
+#: Behind the name of a UV map: its tangents, CORNER, width 4; and those after displacement.
+TANGENT = ".tangent"
+DISPLACED_TANGENT = ".displaced_tangent"

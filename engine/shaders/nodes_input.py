@@ -22,7 +22,7 @@ from engine.kernels.shader.ops_rounds import (
     ROUND_TANGENT_NORMAL,
     ROUND_THICKNESS,
 )
-from engine.scene.attribute_names import UNDISPLACED_NORMALS
+from engine.scene.attribute_names import DISPLACED_TANGENT, TANGENT, UNDISPLACED_NORMALS
 from engine.scene.description import Node
 from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
@@ -238,15 +238,15 @@ def _normal_map(node: Node, builder: Any) -> Operation:
     name = str(node.properties.get("uv_map", ""))
     tangent_slot = -3
     uv_slot = -1
+    is_bent = builder.is_displaced and is_choice(node, builder, "base", "DISPLACED", "ORIGINAL", "ORIGINAL")
     if space == 0:
-        tangent_slot = builder.attribute_slot(f"{name}.tangent")
+        tangent_slot = builder.attribute_slot(name + (DISPLACED_TANGENT if is_bent else TANGENT))
         uv_slot = builder.attribute_slot(name) if name else -1
     inputs = (Socket("Color", COLOR, (0.5, 0.5, 1.0)), Socket("Strength", FLOAT, 1.0))
     bits = ops.NORMAL_MAP_GREEN_DOWN if is_green_down else 0
     if flag(node, "has_unit_frame", True):
         bits |= ops.NORMAL_MAP_UNIT_FRAME
     normal_slot = -1
-    is_bent = is_choice(node, builder, "base", "DISPLACED", "ORIGINAL", "ORIGINAL")
     if space == 0 and builder.is_displaced and not is_bent:
         normal_slot = builder.attribute_slot(UNDISPLACED_NORMALS)
     immediates = (space, tangent_slot, uv_slot, bits, normal_slot)
@@ -262,7 +262,8 @@ def _tangent(node: Node, builder: Any) -> Operation:
         axis = choice(node, builder, "axis", _AXES, "Z")
         return Operation(ops.OP_TANGENT, (), outputs, (axis, -3, -3), is_varying=True)
     name = str(node.properties.get("uv_map", ""))
-    slots = (builder.attribute_slot(f"{name}.tangent"), builder.attribute_slot(name) if name else -1)
+    tangent_slot = builder.attribute_slot(name + (DISPLACED_TANGENT if builder.is_displaced else TANGENT))
+    slots = (tangent_slot, builder.attribute_slot(name) if name else -1)
     return Operation(ops.OP_TANGENT, (), outputs, (3, *slots), is_varying=True)
 
 

@@ -266,6 +266,80 @@ def test_what_a_material_shows_of_an_object_is_read_again(window: Window) -> Non
     assert before.scene.materials[0].key != after.scene.materials[0].key
 
 
+def displaced_plane() -> Any:
+    """A plane with adaptive subdivision, beside the cube, that its material moves."""
+    material = bpy.data.materials.new("Hills")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    tree.links.new(tree.nodes.new("ShaderNodeDisplacement").outputs[0], output.inputs["Displacement"])
+    material.displacement_method = "DISPLACEMENT"
+    mesh = bpy.data.meshes.new("Plane")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    mesh.materials.append(material)
+    plane = bpy.data.objects.new("Plane", mesh)
+    bpy.context.scene.collection.objects.link(plane)
+    modifier = plane.modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels, modifier.subdivision_type, modifier.use_adaptive_subdivision = 1, "SIMPLE", True
+    return plane
+
+
+def dicing_in(update: Update) -> Any:
+    """How the plane's mesh is diced."""
+    assert update.scene is not None
+    instances = update.scene.instances
+    return update.scene.meshes[instances.mesh[instances.name.index("Plane")]].dicing
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0), reason="Cycles had adaptive subdivision as an experiment")
+def test_meshes_are_diced_by_the_windows_view_and_stay_so_until_they_are_touched(window: Window) -> None:
+    plane, scene = displaced_plane(), bpy.context.scene
+    (update,) = window.draw(touched(scene), touched(plane, "gts"))
+    first = dicing_in(update)
+    # 8 pixels of a window 100 wide, whose picture is 2 wide one length ahead; and 5 above the plane.
+    assert first.growth == pytest.approx(8.0 * 2.0 / 100.0) and first.to_space[2, 3] == -5.0
+    assert first.level == scene.cycles.max_subdivisions - 1
+    assert first.outside == pytest.approx(3.0 * first.growth)
+    window.region_3d.view_matrix = window.region_3d.view_matrix.copy()
+    window.region_3d.view_matrix[2, 3] = -2.0
+    (update,) = window.draw()
+    assert update.scene is None
+    light = bpy.data.objects["Light"]
+    light.data.energy *= 2.0
+    (update,) = window.draw(touched(light, "g"), touched(light.data, "gts"))
+    assert dicing_in(update) is first
+    plane.location.x = 1.0
+    (update,) = window.draw(touched(plane, "t"))
+    assert dicing_in(update).to_space[:, 3].tolist() == [1.0, 0.0, -2.0]
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0), reason="Cycles had adaptive subdivision as an experiment")
+def test_settings_of_dicing_dice_anew(window: Window) -> None:
+    plane, scene = displaced_plane(), bpy.context.scene
+    (update,) = window.draw(touched(scene), touched(plane, "gts"))
+    first = dicing_in(update)
+    scene.cycles.preview_dicing_rate = 4.0
+    (update,) = window.draw(touched(scene))
+    assert dicing_in(update).growth == pytest.approx(0.5 * first.growth)
+    scene.cycles.offscreen_dicing_scale = 1.0
+    (update,) = window.draw(touched(scene))
+    assert dicing_in(update).outside == 0.0
+    scene.cycles.max_subdivisions = 5
+    (update,) = window.draw(touched(scene))
+    assert dicing_in(update).level == 4
+    # Rates of renders are none of a window's business.
+    scene.cycles.dicing_rate = 0.5
+    assert window.draw(touched(scene)) == []
+    scene.cycles.dicing_camera = scene.camera
+    (update,) = window.draw(touched(scene))
+    wanted = np.array(scene.camera.matrix_world.inverted())[:3, 3]
+    np.testing.assert_allclose(dicing_in(update).to_space[:, 3], wanted, atol=1e-5)
+    plane.modifiers[0].show_viewport = False
+    (update,) = window.draw(touched(plane, "g"))
+    assert dicing_in(update) is None
+
+
 def test_a_border_leaves_a_part_of_the_window(window: Window) -> None:
     space = window.space
     space.use_render_border = True

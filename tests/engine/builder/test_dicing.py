@@ -102,7 +102,7 @@ def test_too_many_are_refused_with_their_number() -> None:
     fine = plane()
     fine.dicing = by_length(1e-6, level=20)
     with pytest.raises(ValueError, match=r"mesh plane, diced .* would be about 4,\d{3},\d{3},\d{3},\d{3} triangles"):
-        dicing.dice_meshes([fine])
+        dicing.dice(fine, fine.dicing)
 
 
 def test_motion_is_divided_alike() -> None:

@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from engine.builder.displacement import KeptDisplacements
 from engine.builder.scene import Scene, SceneCache, build_scene
 from engine.scene.attribute_names import SMOOTH, VERTEX_NORMALS
 from engine.scene.description import Attribute, Link, Material, Mesh, Node, NodeGraph
+from engine.scene.dicing import Dicing
 from engine.scene.instances import plain_instances, select_instances
 from engine.settings import RenderSettings
 from engine.state.geometry import INSTANCE_MESH, MESH_FIRST_NORMAL, MESH_FIRST_VERTEX, MESH_VERTEX_COUNT
@@ -136,6 +140,24 @@ def test_what_has_not_changed_is_not_displaced_again() -> None:
     assert np.allclose(vertices_of(other)[:, 2], 2.0)
     plain = built(square(), [Material("m", "m", None)], cache=cache)
     assert np.array_equal(vertices_of(plain), square().vertices)
+
+
+def test_what_has_not_changed_is_not_diced_again() -> None:
+    kept = KeptDisplacements()
+
+    def asked(name: str, length: float) -> Mesh:
+        return replace(square(), key=name, dicing=Dicing(5, np.eye(3, 4), length, 0.0, np.zeros((0, 4)), 0.0))
+
+    first, second = kept.diced([asked("a", 0.3), asked("b", 0.3)], lambda: None)
+    assert len(first.triangles) > 2 and first.dicing is None
+    again, other = kept.diced([asked("a", 0.3), asked("b", 0.1)], lambda: None)
+    assert again is first and len(other.triangles) > len(second.triangles)
+    # What nobody asks for any more is freed.
+    gone = weakref.ref(first)
+    del first, again
+    kept.diced([asked("b", 0.1)], lambda: None)
+    gc.collect()
+    assert gone() is None
 
 
 def test_a_loop_of_nodes_in_a_displacement_is_named() -> None:
