@@ -14,6 +14,7 @@ from engine.accel.scratch import RayScratch
 from engine.accel.skipped_triangles import start_on
 from engine.builder.geometry import build_geometry
 from engine.builder.rounds import is_uniform
+from engine.kernels.rounds import radius_at
 from engine.runtime.jit import kernel
 from engine.scene.description import Mesh, Notice
 from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
@@ -25,6 +26,13 @@ def _distance(scene, ray, bits, address, x, y):
     direction = (0.0, 0.0, -1.0)
     far = np.float32(np.inf)
     return ray[8] if trace_closest(scene, ray, bits, address, (x, y, 5.0), direction, 0.0, far, 0.0, 31) else far
+
+
+@kernel
+def _distance_at(scene, ray, bits, address, x, y, time):
+    direction = (0.0, 0.0, -1.0)
+    far = np.float32(np.inf)
+    return ray[8] if trace_closest(scene, ray, bits, address, (x, y, 5.0), direction, 0.0, far, time, 31) else far
 
 
 @kernel
@@ -86,6 +94,34 @@ def test_rays_meet_spheres_and_radii_grow_with_the_object() -> None:
     built = _built(_mesh(SPHERES), at(0.0, 0.0, 0.0, (2.0, 2.0, 2.0)))
     assert _traced(built, 2.0, 0.0) == pytest.approx(5.0 - 0.2, abs=1e-5)
     assert np.isinf(_traced(built, 1.0, 0.0))
+
+
+@pytest.mark.parametrize("shape", [ROUND, ROUND_LINEAR, SPHERES])
+@pytest.mark.parametrize("is_placed", [True, False])
+def test_rays_meet_what_changes_its_shape_where_it_is_at_their_time(shape: str, is_placed: bool) -> None:
+    """It rises by 1 m, and its radius of 0.1 m doubles; twice as large where the object is."""
+    mesh = _mesh(shape)
+    assert mesh.rounds is not None
+    mesh.motion_vertices = mesh.vertices + np.array([0.0, 0.5, 1.0], np.float32)[:, None, None] * (0.0, 0.0, 1.0)
+    mesh.rounds.motion_radii = np.repeat(np.float32([[0.1], [0.15], [0.2]]), 6, axis=1)
+    size = 2.0 if is_placed else 1.0
+    place = at(0.0, 0.0, 0.0, (size, size, size if is_placed else 1.0 + 1e-3))
+    geometry, accelerator, scratch, _notices = _built(mesh, place)
+    for time in (0.0, 0.25, 1.0):
+        found = _distance_at(accelerator.handle, scratch.ray, scratch.bits, scratch.address, size, 0.0, time)
+        assert found == pytest.approx(5.0 - size * (time + 0.1 * (1.0 + time)), abs=5e-3)
+        told = radius_at(geometry, 0, 0, 1.0, time)
+        # Of spheres that at the middle, as in Cycles.
+        assert told == pytest.approx(size * (0.1 if shape == SPHERES else 0.1 * (1.0 + time)), rel=1e-3)
+
+
+def test_radii_stay_where_steps_have_none() -> None:
+    mesh = _mesh(ROUND)
+    mesh.motion_vertices = np.stack([mesh.vertices, mesh.vertices + np.float32(1.0)])
+    geometry, accelerator, scratch, _notices = _built(mesh)
+    found = _distance_at(accelerator.handle, scratch.ray, scratch.bits, scratch.address, 2.0, 1.0, 1.0)
+    assert found == pytest.approx(5.0 - 1.1, abs=1e-3)
+    assert radius_at(geometry, 0, 0, 0.5, 1.0) == pytest.approx(0.1)
 
 
 def test_rays_skip_all_of_the_curve_that_they_start_on() -> None:
