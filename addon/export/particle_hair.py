@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
+from engine.scene.limits import check_memory_of_strands
 
 from .colorspaces import from_srgb
 from .context import ExportContext
@@ -75,6 +76,8 @@ def read_hair(context: ExportContext, hair: ParticleHair, request: AttributeRequ
     drawn = _drawn_systems(context, owner)
     if not drawn:
         return None
+    keys = sum(len(one.numbers) * one.key_count for one in drawn)
+    check_memory_of_strands(keys, sum(len(one.numbers) for one in drawn), owner.name)
     shapes = _read_shape(context, drawn, owner)
     counts = np.concatenate([np.full(len(one.numbers), one.key_count, np.int64) for one in drawn])
     last_slot = max(len(owner.material_slots) - 1, 0)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import Attribute, Mesh
+from engine.scene.limits import check_memory_of_strands
 from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
 
 from .attributes import read_values
@@ -84,6 +85,7 @@ def _read_curves(context: ExportContext, curves: Any, request: AttributeRequest)
     curve_count = len(curves.curves)
     if not curve_count:
         return None
+    check_memory_of_strands(len(curves.points), curve_count, curves.name)
     offsets = np.empty(curve_count + 1, np.int32)
     curves.curve_offset_data.foreach_get("value", offsets)
     strands = Strands(

@@ -153,3 +153,27 @@ def test_what_is_stretched_is_no_longer_round(shape: str) -> None:
 def test_curves_that_keep_their_shape_are_stored_in_the_world() -> None:
     turned = 2.0 * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert is_uniform(turned) and not is_uniform(np.diag([1.0, 1.3, 0.9]))
+
+
+@pytest.mark.parametrize("shape", [RIBBONS, ROUND, ROUND_LINEAR, SPHERES])
+@pytest.mark.parametrize("radius", [0.0, 1e-6, 3.0])
+def test_radii_of_any_size_are_met_at_a_distance_or_not_at_all(shape: str, radius: float) -> None:
+    built = _built(_mesh(shape, radius))
+    found = [_traced(built, x, y) for x in np.linspace(-0.5, 2.5, 13) for y in (0.0, 1e-7, 0.5, 1.0)]
+    assert not np.isnan(found).any() and all(value > 0.0 for value in found)
+    if radius == 0.0:
+        # Embree finds straight ones up to a rounding beside their axis.
+        assert np.isinf([_traced(built, x, 0.01) for x in np.linspace(-0.5, 2.5, 13)]).all()
+    if radius == 3.0 and shape != RIBBONS:
+        # Embree lets rays start within two radii of a ribbon.
+        assert _traced(built, 1.0, 0.5) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("shape", [RIBBONS, ROUND, ROUND_LINEAR])
+def test_a_strand_of_no_length_leaves_others_as_they_are(shape: str) -> None:
+    mesh = _mesh(shape)
+    mesh.vertices[3:] = mesh.vertices[3]
+    built = _built(mesh)
+    assert np.isfinite(_traced(built, 0.5, 0.0))
+    assert not np.isnan([_traced(built, x, 1.0) for x in (-0.05, 0.0, 0.05, 1.0)]).any()
+    assert np.isinf(_traced(built, 1.0, 1.0))
