@@ -83,6 +83,24 @@ def _emitters(count: int, _folder: Path) -> None:
     growing.lamps(count)
 
 
+def _strands(count: int, _folder: Path) -> None:
+    from benchmarks.scenes import growing
+
+    growing.strands(count)
+
+
+def _hair(count: int, _folder: Path) -> None:
+    from benchmarks.scenes import growing
+
+    growing.hair(count)
+
+
+def _points(count: int, _folder: Path) -> None:
+    from benchmarks.scenes import growing
+
+    growing.points(count)
+
+
 CASES = {
     case.name: case
     for case in (
@@ -91,6 +109,9 @@ CASES = {
         # Both renderers go through all lamps for each ray: so the picture is very small.
         ScaleCase("lights", "light objects", 100_000, _light_objects, 1, (48, 36)),
         ScaleCase("emitters", "emitting triangles", 100_000, _emitters),
+        ScaleCase("strands", "strands", 1_000_000, _strands),
+        ScaleCase("hair", "hairs of particles", 1_000_000, _hair),
+        ScaleCase("points", "points", 1_000_000, _points),
         ScaleCase("textures", "images of 4096 x 4096", 1000, _textures),
         ScaleCase("4k", "pixels in a row", 3840, _stage, 1, None),
         ScaleCase("8k", "pixels in a row", 7680, _stage, 1, None),

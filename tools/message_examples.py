@@ -19,6 +19,8 @@ _SIZES = {
     "triangles": "900000000",
     "instances": "12",
     "lights": "3",
+    "strands": "90000000",
+    "keys": "810000000",
     "size": "0.001 m",
     "pixels.shape": "(64, 64, 9)",
     "radiance.shape": "(512, 1024)",

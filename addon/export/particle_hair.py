@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
+from engine.scene.limits import check_memory_of_strands
 
 from .colorspaces import from_srgb
 from .context import ExportContext
 from .materials import AttributeRequest
 
 #: Strands between two questions whether to stop.
-_CANCEL_INTERVAL = 1024
+_CANCEL_INTERVAL = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,16 @@ class HairKeys:
     default_uv: str = ""
 
 
+@dataclass(frozen=True)
+class _Drawn:
+    """Strands of one system that are drawn: their numbers, and how many keys each has."""
+
+    modifier: Any
+    system: Any
+    numbers: range
+    key_count: int
+
+
 def hair_systems(owner: bpy.types.Object, *, is_final: bool) -> list[tuple[Any, Any]]:
     """Modifiers and systems of an object whose particles are drawn as hair."""
     found = []
@@ -60,35 +73,61 @@ def hair_systems(owner: bpy.types.Object, *, is_final: bool) -> list[tuple[Any, 
 def read_hair(context: ExportContext, hair: ParticleHair, request: AttributeRequest) -> HairKeys | None:
     """Strands of an object's hair, in its own space; None where it has none."""
     owner = hair.owner
-    is_final = context.depsgraph.mode == "RENDER"
-    inverse = np.array(owner.matrix_world.inverted_safe(), np.float64)
-    positions, radii, counts, slots, ranges = [], [], [], [], []
-    for modifier, system in hair_systems(owner, is_final=is_final):
-        settings = system.settings
-        first, end = _strand_range(system, is_final=is_final)
-        if end <= first:
-            continue
-        keys = _read_keys(context, owner, system, first, end, _key_count(settings, is_final=is_final))
-        local = keys @ inverse[:3, :3].T + inverse[:3, 3]
-        positions.append(local.reshape(-1, 3).astype(np.float32))
-        radii.append(_radii(settings, local).reshape(-1).astype(np.float32))
-        counts.append(np.full(end - first, keys.shape[1], np.int64))
-        slots.append(np.full(end - first, max(settings.material - 1, 0), np.int32))
-        ranges.append((modifier, system, first, end))
-    if not positions:
+    drawn = _drawn_systems(context, owner)
+    if not drawn:
         return None
-    mesh = owner.data
+    keys = sum(len(one.numbers) * one.key_count for one in drawn)
+    check_memory_of_strands(keys, sum(len(one.numbers) for one in drawn), owner.name)
+    shapes = _read_shape(context, drawn, owner)
+    counts = np.concatenate([np.full(len(one.numbers), one.key_count, np.int64) for one in drawn])
     last_slot = max(len(owner.material_slots) - 1, 0)
+    slots = [min(max(one.system.settings.material - 1, 0), last_slot) for one in drawn]
+    mesh = owner.data
     found = HairKeys(
-        positions=np.concatenate(positions),
-        radii=np.concatenate(radii),
-        offsets=np.concatenate([[0], np.cumsum(np.concatenate(counts))]),
-        material=np.minimum(np.concatenate(slots), last_slot),
+        *shapes,
+        offsets=np.concatenate([[0], np.cumsum(counts)]),
+        material=np.repeat(np.array(slots, np.int32), [len(one.numbers) for one in drawn]),
         texture_space=np.array([mesh.texspace_location, mesh.texspace_size], np.float32),
     )
-    _add_uv_maps(context, mesh, ranges, found)
-    _add_colors(context, mesh, ranges, request, found)
+    _add_uv_maps(context, mesh, drawn, found)
+    _add_colors(context, mesh, drawn, request, found)
     return found
+
+
+def read_hair_shape(context: ExportContext, owner: bpy.types.Object) -> tuple[Float32Array, Float32Array]:
+    """Places, float32 (K, 3), and radii, float32 (K,), of all keys of an evaluated object's hair."""
+    return _read_shape(context, _drawn_systems(context, owner), owner)
+
+
+def _drawn_systems(context: ExportContext, owner: bpy.types.Object) -> list[_Drawn]:
+    is_final = context.depsgraph.mode == "RENDER"
+    drawn = []
+    for modifier, system in hair_systems(owner, is_final=is_final):
+        first, end = _strand_range(system, is_final=is_final)
+        if end > first:
+            drawn.append(_Drawn(modifier, system, range(first, end), _key_count(system.settings, is_final=is_final)))
+    return drawn
+
+
+def _read_shape(
+    context: ExportContext, drawn: list[_Drawn], owner: bpy.types.Object
+) -> tuple[Float32Array, Float32Array]:
+    """As `read_hair_shape`, of these systems."""
+    total = sum(len(one.numbers) * one.key_count for one in drawn)
+    positions, radii = np.empty((total, 3), np.float32), np.empty(total, np.float32)
+    inverse = np.array(owner.matrix_world.inverted_safe(), np.float64)
+    begin = 0
+    for one in drawn:
+        # A few at a time: that Blender's keys are in the world, and lengths are summed, takes memory.
+        for row in range(0, len(one.numbers), _CANCEL_INTERVAL):
+            context.check_cancel()
+            keys = _read_keys(owner, one, one.numbers[row : row + _CANCEL_INTERVAL])
+            local = keys @ inverse[:3, :3].T + inverse[:3, 3]
+            end = begin + local.shape[0] * local.shape[1]
+            positions[begin:end] = local.reshape(-1, 3)
+            radii[begin:end] = _radii(one.system.settings, local).reshape(-1)
+            begin = end
+    return positions, radii
 
 
 def _strand_range(system: Any, *, is_final: bool) -> tuple[int, int]:
@@ -105,18 +144,17 @@ def _key_count(settings: Any, *, is_final: bool) -> int:
     return int(count + settings.kink_extra_steps) if settings.kink == "SPIRAL" else count
 
 
-def _read_keys(
-    context: ExportContext, owner: bpy.types.Object, system: Any, first: int, end: int, key_count: int
-) -> npt.NDArray[np.float64]:
-    """Keys of strands in the world, float64 (S, K, 3)."""
-    keys = np.empty((end - first, key_count, 3), np.float32)
-    read = system.co_hair
-    for row, number in enumerate(range(first, end)):
-        if row % _CANCEL_INTERVAL == 0:
-            context.check_cancel()
-        keys[row] = [read(object=owner, particle_no=number, step=step) for step in range(key_count)]
+def _read_keys(owner: bpy.types.Object, drawn: _Drawn, numbers: range) -> Float32Array:
+    """Keys of strands in the world, float32 (S, K, 3)."""
+    read = drawn.system.co_hair
     # What a strand does not have is where it ends.
-    return keys.astype(np.float64)
+    keys = (read(object=owner, particle_no=number, step=step) for number in numbers for step in range(drawn.key_count))
+    return _joined(keys, len(numbers) * drawn.key_count, 3).reshape(len(numbers), drawn.key_count, 3)
+
+
+def _joined(vectors: Iterable[Iterable[float]], count: int, width: int) -> Float32Array:
+    """Vectors as float32 (N, width): number by number, as numpy takes long to find out that a vector is one."""
+    return np.fromiter(itertools.chain.from_iterable(vectors), np.float32, count * width).reshape(count, width)
 
 
 def _radii(settings: Any, keys: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -138,29 +176,33 @@ def _radii(settings: Any, keys: npt.NDArray[np.float64]) -> npt.NDArray[np.float
     return radii
 
 
-def _particles(system: Any, first: int, end: int) -> list[Any]:
+def _particles(drawn: _Drawn) -> Iterator[Any]:
     """Which particle Blender is told for each strand: its own, or the first for children."""
-    particles = system.particles
-    return [particles[min(number, len(particles) - 1) if first == 0 else 0] for number in range(first, end)]
+    particles = drawn.system.particles
+    if drawn.numbers.start:
+        return itertools.repeat(particles[0], len(drawn.numbers))
+    last = len(particles) - 1
+    return (particles[min(number, last)] for number in drawn.numbers)
 
 
-def _add_uv_maps(context: ExportContext, mesh: bpy.types.Mesh, ranges: list[Any], found: HairKeys) -> None:
+def _add_uv_maps(context: ExportContext, mesh: bpy.types.Mesh, drawn: list[_Drawn], found: HairKeys) -> None:
     for number, layer in enumerate(mesh.uv_layers):
         parts = []
-        for modifier, system, first, end in ranges:
+        for one in drawn:
             context.check_cancel()
-            read, particles = system.uv_on_emitter, _particles(system, first, end)
-            parts += [
-                read(modifier, particle=particle, particle_no=strand, uv_no=number)[:]
-                for particle, strand in zip(particles, range(first, end), strict=True)
-            ]
-        found.of_curves[layer.name] = np.array(parts, np.float32).reshape(-1, 2)
+            read, modifier = one.system.uv_on_emitter, one.modifier
+            maps = (
+                read(modifier, particle=particle, particle_no=strand, uv_no=number)
+                for particle, strand in zip(_particles(one), one.numbers, strict=True)
+            )
+            parts.append(_joined(maps, len(one.numbers), 2))
+        found.of_curves[layer.name] = np.concatenate(parts)
         if layer.active_render:
             found.default_uv = layer.name
 
 
 def _add_colors(
-    context: ExportContext, mesh: bpy.types.Mesh, ranges: list[Any], request: AttributeRequest, found: HairKeys
+    context: ExportContext, mesh: bpy.types.Mesh, drawn: list[_Drawn], request: AttributeRequest, found: HairKeys
 ) -> None:
     """Colours of roots: of corners, in bytes, as Cycles reads no others."""
     names = [item.name for item in mesh.color_attributes if (item.domain, item.data_type) == ("CORNER", "BYTE_COLOR")]
@@ -168,13 +210,14 @@ def _add_colors(
         if name not in request.names:
             continue
         parts = []
-        for modifier, system, first, end in ranges:
+        for one in drawn:
             context.check_cancel()
-            read, particles = system.mcol_on_emitter, _particles(system, first, end)
-            parts += [
-                read(modifier, particle=particle, particle_no=strand, vcol_no=number)[:]
-                for particle, strand in zip(particles, range(first, end), strict=True)
-            ]
-        colors = np.ones((len(parts), 4), np.float32)
-        colors[:, :3] = from_srgb(np.array(parts, np.float32).reshape(-1, 3))
+            read, modifier = one.system.mcol_on_emitter, one.modifier
+            stored = (
+                read(modifier, particle=particle, particle_no=strand, vcol_no=number)
+                for particle, strand in zip(_particles(one), one.numbers, strict=True)
+            )
+            parts.append(_joined(stored, len(one.numbers), 3))
+        colors = np.ones((sum(len(part) for part in parts), 4), np.float32)
+        colors[:, :3] = from_srgb(np.concatenate(parts))
         found.of_curves[name] = colors

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import Attribute, Mesh
+from engine.scene.limits import check_memory_of_strands
 from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES, Rounds
 
 from .attributes import read_values
@@ -72,15 +73,23 @@ def export_rounds(
     return export_kept(context, owner, source.name_full, request, partial(read, context, source, request))
 
 
+def read_shape(source: Any) -> tuple[Float32Array, Float32Array]:
+    """Places, float32 (K, 3), and radii, float32 (K,), of an evaluated Curves or PointCloud as it is now."""
+    count = len(source.points)
+    if isinstance(source, bpy.types.PointCloud):
+        return _read_vectors(source.attributes["position"].data, count), _read_radii(source, count, _POINT_RADIUS)
+    return _read_vectors(source.position_data, count), _read_radii(source, count, _CURVE_RADIUS)
+
+
 def _read_curves(context: ExportContext, curves: Any, request: AttributeRequest) -> Mesh | None:
-    key_count, curve_count = len(curves.points), len(curves.curves)
+    curve_count = len(curves.curves)
     if not curve_count:
         return None
+    check_memory_of_strands(len(curves.points), curve_count, curves.name)
     offsets = np.empty(curve_count + 1, np.int32)
     curves.curve_offset_data.foreach_get("value", offsets)
     strands = Strands(
-        _read_vectors(curves.position_data, key_count),
-        _read_radii(curves, key_count, _CURVE_RADIUS),
+        *read_shape(curves),
         offsets.astype(np.int64),
         np.zeros(curve_count, np.int32),
     )
@@ -114,26 +123,39 @@ def _read_hair(context: ExportContext, hair: ParticleHair, request: AttributeReq
         mesh.texture_space = found.texture_space
         if request.generated:
             roots = strands.positions[strands.offsets[:-1]]
-            mesh.attributes[UNDEFORMED] = Attribute("FACE", roots[_curve_of_rows(mesh, strands)])
+            mesh.attributes[UNDEFORMED] = Attribute("FACE", roots[_curve_of_rows(strands)])
     return mesh
 
 
-def _curve_of_rows(mesh: Mesh, strands: Strands) -> npt.NDArray[np.intp]:
-    return np.searchsorted(strands.offsets, mesh.triangles[:, 2], side="right") - 1
+def _curve_of_rows(strands: Strands) -> Int32Array:
+    """The curve that each segment belongs to."""
+    counts = np.maximum(np.diff(strands.offsets) - 1, 0)
+    return np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+
+
+def _rows_of(strands: Strands, curve_of_rows: Int32Array) -> npt.NDArray[np.uint32]:
+    """Segments as rows of `Mesh.triangles`."""
+    roots = strands.offsets[:-1]
+    before = np.cumsum(np.maximum(np.diff(strands.offsets) - 1, 0))
+    # Keys of the curves before outnumber their segments.
+    ahead = roots - np.concatenate([[0], before[:-1]])
+    rows = np.empty((len(curve_of_rows), 3), np.uint32)
+    rows[:, 0] = np.arange(len(rows), dtype=np.uint32)
+    rows[:, 0] += ahead.astype(np.uint32)[curve_of_rows]
+    rows[:, 1] = rows[:, 0]
+    rows[:, 1] += np.uint32(1)
+    rows[:, 2] = roots.astype(np.uint32)[curve_of_rows]
+    return rows
 
 
 def _mesh_of(
     context: ExportContext, name: str, strands: Strands, request: AttributeRequest, shape: str | None
 ) -> Mesh | None:
     """Curves of one key are none, as in Cycles."""
-    counts = np.diff(strands.offsets)
-    firsts = np.repeat(strands.offsets[:-1], counts)
-    has_next = np.ones(len(firsts), np.bool_)
-    has_next[strands.offsets[1:][counts > 0] - 1] = False
-    keys = np.flatnonzero(has_next)
-    if not len(keys):
+    of_rows = _curve_of_rows(strands)
+    if not len(of_rows):
         return None
-    rows = np.stack([keys, keys + 1, firsts[keys]], axis=1).astype(np.uint32)
+    rows = _rows_of(strands, of_rows)
     settings = getattr(context.scene, "cycles_curves", None)
     if shape is None:
         shape = _SHAPES[getattr(settings, "shape", "RIBBONS")]
@@ -143,12 +165,10 @@ def _mesh_of(
         vertices=strands.positions,
         triangles=rows,
         corner_normals=None,
-        material_slots=np.zeros(len(rows), np.int32),
+        material_slots=strands.material[of_rows],
         default_uv=strands.default_uv,
         rounds=Rounds(shape, strands.radii, int(getattr(settings, "subdivisions", 2))),
     )
-    of_rows = _curve_of_rows(mesh, strands)
-    mesh.material_slots = np.ascontiguousarray(strands.material[of_rows])
     _add_standard(strands, request)
     for attribute, values in strands.of_keys.items():
         mesh.attributes[attribute] = Attribute("POINT", values)
@@ -184,15 +204,16 @@ def _read_points(context: ExportContext, cloud: Any, request: AttributeRequest) 
     if not count:
         return None
     numbers = np.arange(count, dtype=np.uint32)
+    places, radii = read_shape(cloud)
     mesh = Mesh(
         key=None,
         name=cloud.name,
-        vertices=_read_vectors(cloud.attributes["position"].data, count),
+        vertices=places,
         triangles=np.repeat(numbers[:, None], 3, axis=1),
         corner_normals=None,
         material_slots=np.zeros(count, np.int32),
         texture_space=_OBJECT_SPACE,
-        rounds=Rounds(SPHERES, _read_radii(cloud, count, _POINT_RADIUS)),
+        rounds=Rounds(SPHERES, radii),
     )
     for attribute in cloud.attributes:
         values = read_values(attribute) if attribute.name in request.names else None

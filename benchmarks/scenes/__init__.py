@@ -18,6 +18,7 @@ from benchmarks.scenes import (
     limits,
     media,
     motion,
+    moving_strands,
     principled,
     rooms,
     spectral,
@@ -28,6 +29,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
-    "subsurface", "textures",
+    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "moving_strands", "principled", "rooms",
+    "spectral", "subsurface", "textures",
 ]  # fmt: skip

@@ -166,6 +166,70 @@ def textures(count: int, folder: Path, size: int = 4096) -> None:
     camera((0.0, -0.01, 5.6), (0.0, 0.0, 0.0))
 
 
+#: Points along a strand of 8 steps.
+_KEYS = 9
+
+
+def strands(count: int) -> None:
+    """A Curves object of so many strands of 8 steps, on a square field under a soft sky."""
+    _empty()
+    resolution()
+    generator = np.random.default_rng(13)
+    data = bpy.data.hair_curves.new("Strands")
+    data.add_curves([_KEYS] * count)
+    places = np.zeros((count, _KEYS, 3), np.float32)
+    places[...] = generator.uniform(-0.5, 0.5, (count, 1, 3)) * (_TERRAIN_SIZE, _TERRAIN_SIZE, 0.0)
+    steps = np.linspace(0.0, 1.0, _KEYS)[:, None]
+    places += steps * (0.0, 0.0, 0.4) + steps**2 * generator.normal(0.0, 0.1, (count, 1, 3))
+    data.position_data.foreach_set("vector", places.ravel())
+    thin = np.tile(np.linspace(2.0, 0.5, _KEYS), count) / count**0.5
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", thin.astype(np.float32))
+    data.materials.append(diffuse((0.7, 0.6, 0.5)))
+    add_object("Strands", data)
+    world((0.5, 0.6, 0.7))
+    camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.0))
+
+
+def hair(count: int) -> None:
+    """About so many hairs of 8 steps that particles grow on a ball, children of a hundredth as many."""
+    _empty()
+    resolution()
+    ball = add_object("Ball", sphere("Ball", diffuse((0.7, 0.6, 0.5)), 1.5))
+    settings = ball.modifiers.new("Fur", "PARTICLE_SYSTEM").particle_system.settings
+    settings.type, settings.hair_length, settings.render_step = "HAIR", 0.4, 3
+    settings.count, settings.child_type, settings.rendered_child_count = max(count // 100, 1), "INTERPOLATED", 100
+    settings.radius_scale, settings.root_radius, settings.tip_radius = 2.0 / count**0.5, 1.0, 0.2
+    world((0.5, 0.6, 0.7))
+    camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.0))
+
+
+def points(count: int) -> None:
+    """A cloud of so many points under a soft sky."""
+    _empty()
+    resolution()
+    generator = np.random.default_rng(14)
+    field = bpy.data.meshes.new("Points")
+    field.vertices.add(count)
+    places = generator.uniform(-0.5, 0.5, (count, 3)) * (_TERRAIN_SIZE, _TERRAIN_SIZE, 1.0)
+    field.vertices.foreach_set("co", places.astype(np.float32).ravel())
+    made = add_object("Points", field)
+    field.materials.append(diffuse((0.7, 0.6, 0.5)))
+    group = bpy.data.node_groups.new("Points", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    given, left = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    turned = group.nodes.new("GeometryNodeMeshToPoints")
+    turned.inputs["Radius"].default_value = 3.0 / count**0.5
+    shaded = group.nodes.new("GeometryNodeSetMaterial")
+    shaded.inputs["Material"].default_value = field.materials[0]
+    group.links.new(given.outputs[0], turned.inputs[0])
+    group.links.new(turned.outputs[0], shaded.inputs[0])
+    group.links.new(shaded.outputs[0], left.inputs[0])
+    made.modifiers.new("Points", "NODES").node_group = group
+    world((0.5, 0.6, 0.7))
+    camera((0.0, -6.0, 3.0), (0.0, 0.0, 0.0))
+
+
 def closed_box() -> None:
     """A light room without a way out, in which paths go on as long as they may."""
     _empty()

@@ -20,6 +20,7 @@ from engine.state.geometry import (
     MESH_VERTEX_COUNT,
     MOTION_FIRST_VERTEX,
     MOTION_STEP_COUNT,
+    SHAPE_SPHERES,
     SHAPE_TRIANGLES,
     GeometryArrays,
 )
@@ -30,6 +31,7 @@ _BUFFER_INDEX = 0
 _BUFFER_VERTEX = 1
 _FORMAT_UINT3 = 0x5003
 _FORMAT_FLOAT3 = 0x9003
+_SCENE_COMPACT = 1 << 1
 _SCENE_ROBUST = 1 << 2
 _BUILD_QUALITY_HIGH = 2
 _DEVICE_PROPERTY_RAY_MASK = 64
@@ -75,13 +77,19 @@ class Device:
 
 
 class EmbreeScene:
-    """A hierarchy, and the arrays whose memory it shares."""
+    """A hierarchy, and the arrays whose memory it shares.
 
-    def __init__(self, device: Device, geometry: GeometryArrays) -> None:
+    Parameters
+    ----------
+    is_compact : bool
+        Whether leaves have numbers of control points instead of copies: curves are traced as fast so, triangles slower.
+    """
+
+    def __init__(self, device: Device, geometry: GeometryArrays, *, is_compact: bool = False) -> None:
         self._device = device
         self._shared: list[np.ndarray] = [geometry.vertices, geometry.triangles]
         self.address = embree.rtcNewScene(device.address)
-        embree.rtcSetSceneFlags(self.address, _SCENE_ROBUST)
+        embree.rtcSetSceneFlags(self.address, _SCENE_ROBUST | (_SCENE_COMPACT if is_compact else 0))
         embree.rtcSetSceneBuildQuality(self.address, _BUILD_QUALITY_HIGH)
         # Embree frees a scene's memory after the scene has let go of its device.
         _release_with(self, embree.rtcReleaseScene, self.address, device)
@@ -137,7 +145,8 @@ class MeshHierarchies:
     def of(self, key: Hashable, geometry: GeometryArrays, mesh: int) -> EmbreeScene:
         """The hierarchy of one mesh in object space."""
         if key not in self.scenes:
-            scene = EmbreeScene(self.device, geometry)
+            is_compact = geometry.mesh_table[mesh, MESH_SHAPE] not in (SHAPE_TRIANGLES, SHAPE_SPHERES)
+            scene = EmbreeScene(self.device, geometry, is_compact=is_compact)
             # Which of its instances let light through, or have a medium inside, is not known here.
             scene.add(geometry, mesh, 0, 0xFFFFFFFF, is_filtered=True)
             embree.rtcCommitScene(scene.address)

@@ -35,6 +35,8 @@ _GEOMETRY_TYPES = {SHAPE_ROUND_LINEAR: 16, SHAPE_SPHERES: 50, SHAPE_ROUND: 58, S
 _PROPERTY_CULLS_SPHERES, _PROPERTY_CULLS_CURVES = 62, 63
 _PROPERTY_HAS_CURVES, _PROPERTY_HAS_SPHERES = 99, 101
 
+#: Control points that are copied at a time.
+_ROWS = 1 << 16
 #: Control points that a run of segments has before its first vertex, which are copies of it, and behind its last.
 _ENDS = {SHAPE_RIBBONS: 1, SHAPE_ROUND: 1, SHAPE_ROUND_LINEAR: 0}
 
@@ -58,24 +60,36 @@ def control_points(rows: np.ndarray, ends: int) -> tuple[np.ndarray, np.ndarray]
     """
     begins = np.ones(len(rows), np.bool_)
     begins[1:] = (rows[1:, 0] != rows[:-1, 1]) | (rows[1:, 2] != rows[:-1, 2])
-    run = np.cumsum(begins) - 1
-    firsts = np.arange(len(rows)) + (1 + 2 * ends) * run
-    vertices = np.empty(len(rows) + (1 + 2 * ends) * (int(run[-1]) + 1), np.uint32)
+    firsts = np.cumsum(begins, dtype=np.uint32)
+    run_count = int(firsts[-1])
+    firsts -= np.uint32(1)
+    firsts *= np.uint32(1 + 2 * ends)
+    firsts += np.arange(len(rows), dtype=np.uint32)
+    vertices = np.empty(len(rows) + (1 + 2 * ends) * run_count, np.uint32)
     lasts = np.append(begins[1:], True)
-    vertices[firsts + ends] = rows[:, 0]
-    vertices[firsts[lasts] + ends + 1] = rows[lasts, 1]
+    vertices[firsts + np.uint32(ends)] = rows[:, 0]
+    vertices[firsts[lasts] + np.uint32(ends + 1)] = rows[lasts, 1]
     if ends:
         vertices[firsts[begins]] = rows[begins, 0]
-        vertices[firsts[lasts] + ends + 2] = rows[lasts, 1]
-    return firsts.astype(np.uint32), vertices
+        vertices[firsts[lasts] + np.uint32(ends + 2)] = rows[lasts, 1]
+    return firsts, vertices
 
 
-def _points_at(geometry: GeometryArrays, row: np.ndarray, vertices: np.ndarray, first: int) -> np.ndarray:
-    """Places and radii, float32 (C, 4), of a mesh's vertices, of which those of this step begin at `first`."""
-    local = vertices.astype(np.int64) - int(row[MESH_FIRST_VERTEX])
+def _points_at(geometry: GeometryArrays, row: np.ndarray, vertices: np.ndarray, step: int) -> np.ndarray:
+    """Places and radii, float32 (C, 4), of a mesh's vertices: -1 = at the middle of the shutter, else at a step."""
+    first_vertex, first_radius = int(row[MESH_FIRST_VERTEX]), int(row[MESH_FIRST_RADIUS])
+    to_place = 0
+    to_radius = first_radius - first_vertex
+    if step >= 0:
+        begin = int(geometry.motion_table[int(row[MESH_MOTION]), MOTION_FIRST_VERTEX])
+        to_place = begin + step * int(row[MESH_VERTEX_COUNT]) - first_vertex
+        to_radius += (1 + step) * int(row[MESH_VERTEX_COUNT])
     points = np.empty((len(vertices), 4), np.float32)
-    points[:, :3] = geometry.vertices[first + local]
-    points[:, 3] = geometry.radii[int(row[MESH_FIRST_RADIUS]) + local]
+    for begin in range(0, len(vertices), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        which = vertices[rows].astype(np.int64)
+        points[rows, :3] = geometry.vertices[which + to_place]
+        points[rows, 3] = geometry.radii[which + to_radius]
     return points
 
 
@@ -101,16 +115,15 @@ def round_geometry(device: int, geometry: GeometryArrays, mesh: int) -> tuple[in
         embree.rtcSetGeometryTessellationRate(handle, float(row[MESH_SUBDIVISIONS] + 1))
         shared.append(firsts)
         embree.rtcSetSharedGeometryBuffer(handle, _BUFFER_INDEX, 0, _FORMAT_UINT, firsts.ctypes.data, 0, 4, count)
-    starts, motion = [int(row[MESH_FIRST_VERTEX])], int(row[MESH_MOTION])
+    steps, motion = [-1], int(row[MESH_MOTION])
     if motion >= 0:
-        begin, step_count = geometry.motion_table[motion, [MOTION_FIRST_VERTEX, MOTION_STEP_COUNT]].tolist()
-        starts = [begin + step * int(row[MESH_VERTEX_COUNT]) for step in range(step_count)]
-        embree.rtcSetGeometryTimeStepCount(handle, step_count)
-    for step, start in enumerate(starts):
-        points = _points_at(geometry, row, vertices, start)
+        steps = list(range(int(geometry.motion_table[motion, MOTION_STEP_COUNT])))
+        embree.rtcSetGeometryTimeStepCount(handle, len(steps))
+    for number, step in enumerate(steps):
+        points = _points_at(geometry, row, vertices, step)
         shared.append(points)
         embree.rtcSetSharedGeometryBuffer(
-            handle, _BUFFER_VERTEX, step, _FORMAT_FLOAT4, points.ctypes.data, 0, 16, len(points)
+            handle, _BUFFER_VERTEX, number, _FORMAT_FLOAT4, points.ctypes.data, 0, 16, len(points)
         )
     # What is round is met from outside, as in Cycles. Blender's library does it by itself.
     culls = embree.rtcGetDeviceProperty(device, _PROPERTY_CULLS_CURVES if is_curve else _PROPERTY_CULLS_SPHERES)

@@ -17,8 +17,12 @@ from engine.builder.rounds import is_uniform
 from engine.builder.shapes import Attributes, Placement, Shapes, build_attributes, build_shapes
 from engine.scene.content import Kept, Versions
 from engine.scene.description import Instances, Mesh, Notice, SceneDescription
+from engine.scene.rounds import SPHERES
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
+
+#: Segments of curves that are stored in world space, beside triangles.
+_LARGEST_BAKED_CURVES = 1 << 16
 
 
 def _affine_inverse(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,13 +161,22 @@ class _Placed:
     placements: list[Placement | None]
 
 
+def _may_be_baked(mesh: Mesh, transform: Float32Array) -> bool:
+    if mesh.rounds is None:
+        return True
+    # Many segments take less memory in a compact hierarchy of their own, and are traced as fast.
+    is_large = mesh.rounds.shape != SPHERES and len(mesh.triangles) > _LARGEST_BAKED_CURVES
+    return not is_large and is_uniform(transform)
+
+
 def _place(
     instances: Instances, meshes: Sequence[Mesh], motions: dict[int, np.ndarray], cache: GeometryCache
 ) -> _Placed:
     """Where meshes are stored.
 
     Those with a single user that stands still are stored in world space, so that most scenes are one flat hierarchy;
-    the others stay in object space and are instanced, as are curves and spheres that are stretched.
+    the others stay in object space and are instanced, as are very many curves, and curves and spheres that are
+    stretched.
     """
     count, mesh_count = len(instances.mesh), len(meshes)
     transforms = np.ascontiguousarray(instances.transform[:, :3, :].reshape(count, 12), np.float32)
@@ -180,7 +193,7 @@ def _place(
     placements: list[Placement | None] = [None] * mesh_count
     for mesh, user in enumerate(first_user.tolist()):
         is_alone = user >= 0 and users[mesh] == 1 and finite[user] and user not in motions and not is_moved[mesh]
-        if is_alone and (meshes[mesh].rounds is None or is_uniform(instances.transform[user])):
+        if is_alone and _may_be_baked(meshes[mesh], instances.transform[user]):
             is_baked[user] = True
             placements[mesh] = Placement(instances.transform[user], None if singular[user] else inverse[user])
     return _Placed(transforms, inverses, determinant, singular, is_baked, placements)

@@ -213,7 +213,8 @@ def build_shapes(
             first_normal += count
         first_triangle += count
     transforms = [None if placement is None else placement.transform for placement in placements]
-    radii, mesh_table[: len(meshes), layout.MESH_FIRST_RADIUS] = lay_radii(meshes, transforms, notices)
+    step_counts = [0 if steps is None else len(steps) for steps in steps_of]
+    radii, mesh_table[: len(meshes), layout.MESH_FIRST_RADIUS] = lay_radii(meshes, transforms, step_counts, notices)
     return Shapes(
         vertices=vertices,
         triangles=triangles,

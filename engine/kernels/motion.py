@@ -234,6 +234,18 @@ def vertex_at(geometry, mesh, vertex, time):
     return _between(geometry.vertices, vertex + offset, vertex + offset + step, fraction)
 
 
+@kernel
+def radius_between(geometry, mesh, row, time):
+    """A radius of a curve or sphere at a time; `row` of `radii` is that at the middle of the shutter."""
+    if geometry.mesh_table[mesh, MESH_MOTION] < 0:
+        return geometry.radii[row]
+    motion = geometry.mesh_table[mesh, MESH_MOTION]
+    key, fraction = key_at(geometry.motion_table[motion, MOTION_STEP_COUNT], time)
+    step = np.int64(geometry.mesh_table[mesh, MESH_VERTEX_COUNT])
+    row += (1 + key) * step
+    return (1.0 - fraction) * geometry.radii[row] + fraction * geometry.radii[row + step]
+
+
 @kernel(forceinline=True)
 def triangle_at(geometry, mesh, triangle, time):
     """Vertices of a triangle, in the space that the mesh is stored in."""

@@ -16,7 +16,15 @@ from engine.state.camera import (
     KIND_EQUIRECTANGULAR,
 )
 from engine.state.data_passes import RASTER_AFTER, RASTER_BEFORE, RASTER_NOW
-from engine.state.geometry import INSTANCE_MESH, MESH_FIRST_VERTEX, MESH_VERTEX_COUNT
+from engine.state.geometry import (
+    INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAGS,
+    INSTANCE_MESH,
+    MESH_FIRST_VERTEX,
+    MESH_SHAPE,
+    MESH_VERTEX_COUNT,
+    SHAPE_TRIANGLES,
+)
 
 
 @kernel
@@ -70,6 +78,21 @@ def _shape_point(data, geometry, mesh, triangle, u, v, after):
 
 
 @kernel
+def _seen_at(geometry, instance, row, u, p):
+    """Where Cycles sees a point of a surface: of curves and spheres in their middle, straight between keys."""
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    if geometry.mesh_table[mesh, MESH_SHAPE] == SHAPE_TRIANGLES:
+        return p
+    a = load(geometry.vertices, np.int64(geometry.triangles[row, 0]))
+    b = load(geometry.vertices, np.int64(geometry.triangles[row, 1]))
+    w = 1.0 - u
+    p = (w * a[0] + u * b[0], w * a[1] + u * b[1], w * a[2] + u * b[2])
+    if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
+        return p
+    return transform_point(geometry.transforms, instance, p)
+
+
+@kernel
 def _elsewhen(data, geometry, instance, triangle, u, v, p, after):
     """Where a point of a surface is before (0) or after (1), in the world."""
     row = data.motion_rows[instance]
@@ -89,6 +112,7 @@ def motion_vectors(data, camera, geometry, instance, triangle, u, v, p):
     -------
     x, y from where it is to where it was in the frame before; x, y from where it will be to where it is
     """
+    p = _seen_at(geometry, instance, triangle, u, p)
     before = _elsewhen(data, geometry, instance, triangle, u, v, p, 0)
     after = _elsewhen(data, geometry, instance, triangle, u, v, p, 1)
     now_x, now_y = _on_image(data, camera, RASTER_NOW, p)

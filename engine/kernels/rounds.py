@@ -16,6 +16,7 @@ from engine.kernels.motion import (
     normal_to_world,
     point_to_object,
     point_to_world,
+    radius_between,
     vertex_at,
 )
 from engine.kernels.vector import add, cross, dot, normalize, scale, subtract
@@ -147,14 +148,20 @@ def prepare_round(geometry, points, lane, u, v, origin, direction, distance, tim
 
 @kernel
 def radius_at(geometry, instance, row, u, time):
-    """Radius of a curve or sphere [m], in the world; 0 of triangles."""
+    """Radius of a curve or sphere [m], in the world; 0 of triangles.
+
+    That of a sphere is the one at the middle of the shutter, as in Cycles.
+    """
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     first = np.int64(geometry.mesh_table[mesh, MESH_FIRST_RADIUS])
     if first < 0:
         return 0.0 * u
     a, b = _ends_of(geometry, row)
     first -= geometry.mesh_table[mesh, MESH_FIRST_VERTEX]
-    radius = (1.0 - u) * geometry.radii[first + a] + u * geometry.radii[first + b]
+    radius = geometry.radii[first + a]
+    if geometry.mesh_table[mesh, MESH_SHAPE] != SHAPE_SPHERES:
+        start = radius_between(geometry, mesh, first + a, time)
+        radius = (1.0 - u) * start + u * radius_between(geometry, mesh, first + b, time)
     if geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
         return radius
     each = radius * _DIAGONAL

@@ -18,6 +18,8 @@ _LIMIT_FILES = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit
 #: What building a scene adds to its description at its most [bytes]: a triangle's share of the arrays and of Embree's
 #: hierarchy, an instance, a light.
 _BYTES_PER_TRIANGLE, _BYTES_PER_INSTANCE, _BYTES_PER_LIGHT = 160, 500, 3000
+#: A key of a strand or a point, its share of the description included [bytes].
+_BYTES_PER_KEY = 200
 #: Memory for a channel of a pass: the engine's image of it and the host's.
 _BYTES_PER_CHANNEL = 8
 #: Where the system does not tell how much memory it has.
@@ -93,6 +95,22 @@ def check_memory_of(triangles: int, subject: str) -> None:
         raise ValueError(
             f"{subject} would be about {triangles:,} triangles, which need {needed / 2**30:.1f} GiB of memory, and "
             f"this machine has {there / 2**30:.1f}: raise the dicing rate or lower Max Subdivisions"
+        )
+
+
+def check_memory_of_strands(keys: int, strands: int, subject: str) -> None:
+    """Refuse so many strands, before they are read, if this machine cannot hold them.
+
+    Raises
+    ------
+    ValueError
+        Saying how many there are of `subject`, and what to do.
+    """
+    needed, there = resident_memory() + keys * _BYTES_PER_KEY, usable_memory() + swap_memory()
+    if needed > there:
+        raise ValueError(
+            f"{subject} has {strands:,} strands of {keys:,} keys, which need {needed / 2**30:.1f} GiB of memory, and "
+            f"this machine has {there / 2**30:.1f}: lower the number of strands or of their steps"
         )
 
 

@@ -27,8 +27,11 @@ class Rounds:
         Of the vertices, in object space.
     subdivisions : int
         Ribbons are followed in so many straight pieces a segment, and one more.
+    motion_radii : float32 (S, V) or None
+        Radii at the times of `Mesh.motion_vertices`; None: always the same.
     """
 
     shape: str
     radii: Float32Array
     subdivisions: int = 2
+    motion_radii: Float32Array | None = None

@@ -116,6 +116,57 @@ def test_vectors_know_panoramas_and_zooms(cube_scene: Any, tmp_path: Path, kind:
         assert np.median(difference) < 0.002 and np.quantile(difference, 0.97) < 0.1, axis
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "axes"), [("moving-hair", "XYZW"), ("moving-curves", "XZ")])
+def test_vectors_of_strands(cube_scene: Any, tmp_path: Path, name: str, axes: str) -> None:
+    scene = _open_with_vectors(name)
+    (ours, _), (theirs, _) = render_both(scene, tmp_path, SAMPLES)
+    for axis in axes:
+        found, wanted = ours[f"ViewLayer.Vector.{axis}"], theirs[f"ViewLayer.Vector.{axis}"]
+        span = np.ptp(wanted)
+        assert span > 0.1, axis
+        # Each pixel sees many strands, whose vectors differ: samples decide, so means tell more.
+        assert abs(found.mean() - wanted.mean()) < 0.002 * span, axis
+        assert np.sqrt(((found - wanted) ** 2).mean()) < 0.03 * span, axis
+
+
+@pytest.mark.slow
+def test_vectors_of_points_are_how_far_they_fly(cube_scene: Any, tmp_path: Path) -> None:
+    """In Cycles 5.0 they go to the origin of the object."""
+    import bpy
+
+    scene = _open_with_vectors("flying-points")
+    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 6.0
+    scene.neuralguide.samples, scene.render.engine = 4, "NEURALGUIDE"
+    cloud = next(item for item in scene.objects if item.type == "POINTCLOUD").data
+    count = len(cloud.points)
+    cloud.attributes["radius"].data.foreach_set("value", np.full(count, 0.5, np.float32))
+    speed = 0.1 * scene.render.fps / scene.render.fps_base
+    flat = np.tile(np.array([speed, 0.0, 0.0], np.float32), count)
+    cloud.attributes["velocity"].data.foreach_set("vector", flat)
+    bpy.context.view_layer.update()
+    images, _ = render_passes(scene, tmp_path / "vectors.exr")
+    # 0.1 m a frame, on 48 pixels of 6 m.
+    middle = np.s_[16:20, 20:28]
+    for axis in "XZ":
+        np.testing.assert_allclose(images[f"ViewLayer.Vector.{axis}"][middle], -0.1 * 48 / 6, rtol=1e-3)
+    for axis in "YW":
+        np.testing.assert_allclose(images[f"ViewLayer.Vector.{axis}"][middle], 0.0, atol=1e-3)
+
+
+def _open_with_vectors(name: str) -> Any:
+    import bpy
+
+    from benchmarks.scenes import build
+
+    build(name)
+    scene = bpy.context.scene
+    scene.render.use_motion_blur = False
+    scene.render.resolution_x, scene.render.resolution_y = 48, 36
+    bpy.context.view_layer.use_pass_vector = True
+    return scene
+
+
 def test_vectors_of_orthographic_cameras_are_plain_shifts(cube_scene: Any, tmp_path: Path) -> None:
     """What stands still shifts by how far the camera goes over its scale; Cycles projects it in perspective."""
     scene, layer = cube_scene, busy_scene(cube_scene)

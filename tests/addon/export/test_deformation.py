@@ -226,3 +226,136 @@ def test_geometry_nodes(scene: Any) -> None:
     motion = export().instances.motion
     np.testing.assert_allclose(motion[1][:, 0, 3], [9.5, 10.0, 10.5], atol=1e-5)
     np.testing.assert_allclose(motion[2][:, 0, 3], [9.5, 10.0, 10.0], atol=1e-5)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Strands and points
+
+
+def _add_nodes(owner: Any, moved: str) -> None:
+    """Geometry nodes that shift what is there by the frame along z, and make radii of the frame."""
+    import bpy
+
+    group = bpy.data.node_groups.new("Rise", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    nodes, links = group.nodes, group.links
+    given, left = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    time = nodes.new("GeometryNodeInputSceneTime")
+    vector, shift, radius = nodes.new("ShaderNodeCombineXYZ"), nodes.new("GeometryNodeSetPosition"), nodes.new(moved)
+    links.new(time.outputs["Frame"], vector.inputs["Z"])
+    links.new(vector.outputs[0], shift.inputs["Offset"])
+    links.new(time.outputs["Frame"], radius.inputs["Radius"])
+    links.new(given.outputs[0], shift.inputs[0])
+    links.new(shift.outputs[0], radius.inputs[0])
+    links.new(radius.outputs[0], left.inputs[0])
+    owner.modifiers.new("Rise", "NODES").node_group = group
+
+
+def _add_strands(scene: Any) -> Any:
+    import bpy
+
+    data = bpy.data.hair_curves.new("Strands")
+    data.add_curves([3, 2])
+    data.position_data.foreach_set("vector", np.arange(15, dtype=np.float32))
+    strands = bpy.data.objects.new("Strands", data)
+    scene.collection.objects.link(strands)
+    return strands
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_curves_of_geometry_nodes_move_and_swell(scene: Any, steps: int) -> None:
+    strands = _add_strands(scene)
+    _add_nodes(strands, "GeometryNodeSetCurveRadius")
+    strands.cycles.motion_steps = steps
+    (mesh,) = export().meshes
+    times = np.linspace(9.5, 10.5, 2**steps + 1)
+    assert mesh.motion_vertices.shape == (len(times), 5, 3)
+    np.testing.assert_allclose(mesh.motion_vertices[:, 1, 2], 5.0 + times, rtol=1e-6)
+    np.testing.assert_allclose(mesh.rounds.motion_radii, np.repeat(times[:, None], 5, axis=1), rtol=1e-6)
+
+
+def test_points_move_and_swell(scene: Any) -> None:
+    import bpy
+
+    bpy.ops.object.pointcloud_random_add()
+    cloud = bpy.context.object
+    _add_nodes(cloud, "GeometryNodeSetPointRadius")
+    (mesh,) = export().meshes
+    moved = mesh.motion_vertices[:, :, 2] - mesh.vertices[:, 2]
+    np.testing.assert_allclose(moved, [[-0.5], [0.0], [0.5]] * np.ones(len(mesh.vertices)), atol=1e-5)
+    np.testing.assert_allclose(mesh.rounds.motion_radii[:, 0], [9.5, 10.0, 10.5], rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["points", "strands"])
+def test_velocities_of_strands_and_points(scene: Any, kind: str) -> None:
+    """They come before what is there at other times, as in Cycles."""
+    import bpy
+
+    if kind == "points":
+        bpy.ops.object.pointcloud_random_add()
+        owner = bpy.context.object
+    else:
+        owner = _add_strands(scene)
+    _add_nodes(owner, "GeometryNodeSetPointRadius" if kind == "points" else "GeometryNodeSetCurveRadius")
+    velocity = owner.data.attributes.new("velocity", "FLOAT_VECTOR", "POINT")
+    count = len(owner.data.points)
+    velocity.data.foreach_set("vector", np.tile(np.array([24.0, 0.0, 0.0], np.float32), count))
+    owner.cycles.motion_steps = 3
+    owner.data.update_tag()
+    (mesh,) = export().meshes
+    assert len(mesh.motion_vertices) == 3 and mesh.rounds.motion_radii is None
+    np.testing.assert_allclose(
+        mesh.motion_vertices[:, :, 0] - mesh.vertices[:, 0], [[-0.5], [0.0], [0.5]] * np.ones(count), atol=1e-5
+    )
+
+
+def test_hair_moves_with_the_shape_of_its_mesh(scene: Any) -> None:
+    cube = add_stretching_cube(scene)
+    settings = cube.modifiers.new("Fur", "PARTICLE_SYSTEM").particle_system.settings
+    settings.type, settings.count, settings.hair_length = "HAIR", 40, 0.5
+    open_shutter(scene, 4.0)
+    scene.frame_set(10)
+    hair = next(mesh for mesh in export().meshes if mesh.rounds is not None)
+    middle = hair.motion_vertices[1]
+    np.testing.assert_array_equal(middle, hair.vertices)
+    # Roots are at z = (1 + 2 x / 20) of where they were: 1.8, 2 and 2.2 at the frames 8, 10 and 12.
+    roots = hair.motion_vertices[:, np.unique(hair.triangles[:, 2]), 2]
+    on_top = np.abs(roots[1] - 2.0) < 1e-4
+    assert on_top.any()
+    np.testing.assert_allclose(roots[:, on_top], np.array([[1.8], [2.0], [2.2]]) * np.ones(on_top.sum()), atol=1e-4)
+
+
+def test_hair_that_is_carried_keeps_its_shape(scene: Any) -> None:
+    """Its keys come back from the world, a little beside where they were."""
+    cube = add_cube()
+    settings = cube.modifiers.new("Fur", "PARTICLE_SYSTEM").particle_system.settings
+    settings.type, settings.count, settings.hair_length = "HAIR", 40, 0.5
+    keyframe(cube, "rotation_euler", {0: (0.0, 0.0, 0.0), 20: (0.3, 0.0, 3.0)})
+    keyframe(cube, "location", {0: (0.0, 0.0, 0.0), 20: (20.0, 0.0, 0.0)})
+    scene.frame_set(10)
+    description = export()
+    assert all(mesh.motion_vertices is None for mesh in description.meshes)
+    assert len(description.instances.motion) == 2
+
+
+def test_strands_that_become_more_are_not_blurred(scene: Any) -> None:
+    import bpy
+
+    strands = _add_strands(scene)
+    group = bpy.data.node_groups.new("More", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    nodes, links = group.nodes, group.links
+    given, left = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    time = nodes.new("GeometryNodeInputSceneTime")
+    more, half = nodes.new("GeometryNodeDuplicateElements"), nodes.new("ShaderNodeMath")
+    more.domain, half.operation = "SPLINE", "FLOOR"
+    links.new(time.outputs["Frame"], half.inputs[0])
+    links.new(half.outputs[0], more.inputs["Amount"])
+    links.new(given.outputs[0], more.inputs[0])
+    links.new(more.outputs[0], left.inputs[0])
+    strands.modifiers.new("More", "NODES").node_group = group
+    description = export()
+    assert description.meshes[0].motion_vertices is None
+    assert any("other strands or points" in notice.problem for notice in description.notices)

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
+from engine.scene import limits
 from engine.scene.rounds import RIBBONS, ROUND, ROUND_LINEAR, SPHERES
 from tests.helpers.blender_scenes import empty_scene, export, render_and_export
 
@@ -115,3 +117,59 @@ def test_points_are_spheres(scene: Any) -> None:
     assert mesh.rounds.shape == SPHERES and len(mesh.rounds.radii) == count
     assert (mesh.triangles == np.arange(count)[:, None]).all()
     assert len(np.unique(mesh.attributes["point_random"].data)) > 0.9 * count
+
+
+@pytest.mark.parametrize(("shape", "power"), [(-0.5, 0.5), (0.5, 2.0), (1.0, math.inf)])
+def test_the_shape_bends_how_hair_gets_thinner(scene: Any, shape: float, power: float) -> None:
+    _furry_square(root_radius=2.0, tip_radius=1.0, radius_scale=0.1, shape=shape, use_close_tip=False)
+    hair = render_and_export(scene).meshes[1]
+    keys = hair.vertices.reshape(7, 5, 3)
+    along = np.concatenate([np.zeros((7, 1)), np.linalg.norm(np.diff(keys, axis=1), axis=2).cumsum(axis=1)], axis=1)
+    rest = np.maximum(1.0 - along / along[:, -1:], 0.0)
+    assert hair.rounds.radii.reshape(7, 5) == pytest.approx(0.05 * (1.0 + rest**power), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "keys"), [({"render_step": 4}, 17), ({"kink": "SPIRAL", "kink_extra_steps": 3}, 8)]
+)
+def test_steps_say_how_many_keys_hair_has(scene: Any, settings: dict[str, Any], keys: int) -> None:
+    _furry_square(**settings)
+    assert len(render_and_export(scene).meshes[1].vertices) == 7 * keys
+
+
+def test_hair_has_the_material_that_its_particles_choose(scene: Any) -> None:
+    square = _furry_square(material=2)
+    square.data.materials.append(_info_material())
+    assert set(render_and_export(scene).meshes[1].material_slots.tolist()) == {1}
+    square.particle_systems[0].settings.material = 9
+    assert set(render_and_export(scene).meshes[1].material_slots.tolist()) == {1}
+
+
+def test_windows_have_their_own_steps_and_share_of_children(scene: Any) -> None:
+    _furry_square(
+        child_type="INTERPOLATED", child_percent=4, rendered_child_count=9, display_step=3, display_percentage=50
+    )
+    assert len(export().meshes[1].vertices) == 7 * 2 * 9
+
+
+def test_two_systems_are_one_mesh(scene: Any) -> None:
+    square = _furry_square()
+    more = square.modifiers.new("More", "PARTICLE_SYSTEM").particle_system.settings
+    more.type, more.count, more.render_step = "HAIR", 3, 1
+    hair = render_and_export(scene).meshes[1]
+    assert len(hair.triangles) == 7 * 4 + 3 * 2
+    assert len(np.unique(hair.triangles[:, 2])) == 10
+
+
+@pytest.mark.parametrize("of_hair", [True, False])
+def test_strands_beyond_the_memory_are_refused_by_name(
+    scene: Any, monkeypatch: pytest.MonkeyPatch, of_hair: bool
+) -> None:
+    monkeypatch.setattr(limits, "usable_memory", lambda: 1 << 20)
+    monkeypatch.setattr(limits, "swap_memory", lambda: 0)
+    if of_hair:
+        _furry_square()
+    else:
+        _add_curves(scene, [3, 2])
+    with pytest.raises(ValueError, match=r"(Plane has 7|Strands has 2) strands of"):
+        export()

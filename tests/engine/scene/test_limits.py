@@ -31,6 +31,13 @@ def test_too_many_triangles_are_refused_by_their_number() -> None:
 
 
 @pytest.mark.usefixtures("small_machine")
+def test_too_many_strands_are_refused_by_the_name_of_what_has_them() -> None:
+    limits.check_memory_of_strands(90_000, 10_000, "Fur")
+    with pytest.raises(ValueError, match=r"Fur has 10,000,000 strands of 90,000,000 keys, which need 17\.\d GiB"):
+        limits.check_memory_of_strands(90_000_000, 10_000_000, "Fur")
+
+
+@pytest.mark.usefixtures("small_machine")
 def test_too_many_passes_are_refused() -> None:
     frame = Frame(7680, 4320, (0, 0, 7680, 4320))
     limits.check_film(Frame(1920, 1080, (0, 0, 1920, 1080)), 40, 20)
