@@ -195,6 +195,8 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
             names.update(("density", "color", "flame", "temperature"))
         elif node.kind in _CURVE_ATTRIBUTES:
             names.update(_CURVE_ATTRIBUTES[node.kind])
+            if node.properties.get("model") == "HUANG":
+                names.add("curve_normal")
         elif node.kind == "ShaderNodeVertexColor":
             names.add(node.properties["layer_name"])
         elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":

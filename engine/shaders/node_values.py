@@ -198,7 +198,7 @@ class NodeBuilder:
             given = socket.default
         if isinstance(given, Implicit):
             operation = nodes_input.IMPLICIT[given](self.node, self)
-            return values.arithmetic.convert(values.emit(operation, self)[0], VECTOR, socket.type)
+            return values.arithmetic.convert(values.emit(operation, self)[0], operation.outputs[0].type, socket.type)
         return _constant(given, socket)
 
     def constant_input(self, socket: Socket) -> tuple[float, ...] | None:

@@ -17,6 +17,8 @@ from engine.kernels.shader import light_path as lp
 from engine.kernels.shader import ops_input as ops
 from engine.kernels.shader.ops_rounds import (
     ROUND_CENTRE,
+    ROUND_EDGE_U,
+    ROUND_EDGE_V,
     ROUND_IS_STRAND,
     ROUND_RADIUS,
     ROUND_TANGENT_NORMAL,
@@ -459,6 +461,10 @@ IMPLICIT: dict[Implicit, Callable[[Node, Any], Operation]] = {
     Implicit.GENERATED: displaced(ops.OP_GENERATED),
     Implicit.UV: uv(""),
     Implicit.TANGENT: read(ops.OP_TANGENT, VECTOR, 2, ops.TANGENT_OF_CURVES, -3),
+    Implicit.CURVE_NORMAL: lambda node, builder: attribute(builder, builder.attribute_slot("curve_normal"), _UNNAMED),
+    Implicit.EDGE_U: read(ops.OP_ROUND, VECTOR, ROUND_EDGE_U),
+    Implicit.EDGE_V: read(ops.OP_ROUND, VECTOR, ROUND_EDGE_V),
+    Implicit.CURVE_THICKNESS: read(ops.OP_ROUND, FLOAT, ROUND_THICKNESS),
     Implicit.CURVE_RANDOM: lambda node, builder: attribute(builder, builder.attribute_slot("curve_random"), _UNNAMED),
     Implicit.OBJECT_NORMAL: lambda node, builder: Operation(
         ops.OP_OBJECT_NORMAL, (Socket("", FLOAT, 0.0),), (Socket("", VECTOR),), (0,), is_varying=True

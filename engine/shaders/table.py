@@ -87,6 +87,10 @@ class Implicit(Enum):
     TANGENT = "tangent"
     OBJECT_NORMAL = "object normal"
     CURVE_RANDOM = "random number of a curve"
+    CURVE_NORMAL = "normal of a curve, as it is stored"
+    EDGE_U = "first edge of a triangle"
+    EDGE_V = "last edge of a triangle"
+    CURVE_THICKNESS = "thickness of a curve"
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ REPORTED_WHOLE = {
 #: Known nodes and settings that are reported: part of the notice.
 REPORTED = (
     "thin film", "Thin Wall", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
-    "of lights", "'LIGHT'", "Huang",
+    "of lights", "'LIGHT'",
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
 WITHOUT_EFFECT: set[tuple[str, str]] = set()

@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from engine.kernels.bsdf.closures import append_closure, read3
+from engine.kernels.bsdf.closures import append_closure, read3, store_color
+from engine.kernels.bsdf.fibre_color import absorption, passed_along_radius
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.hair import HAIR_TANGENT, fibre_tangent, safe_asin
 from engine.kernels.bsdf.kinds import CHIANG, CHIANG_WIDTHS
@@ -37,35 +38,11 @@ _SQRT_PI_8 = np.float32(math.sqrt(math.pi / 8.0))
 _LOG_2_PI = np.float32(math.log(2.0 * math.pi))
 _LN_2 = np.float32(math.log(2.0))
 
-# How colours are given.
-CHIANG_ABSORPTION = 0
-CHIANG_MELANIN = 1
-CHIANG_COLOR = 2
-
 
 @kernel
 def cos_of(sine):
     """Cosine, not negative, of an angle of this sine."""
     return math.sqrt(max(1.0 - sine * sine, 0.0))
-
-
-@kernel
-def _absorption_of(color, roughness):
-    """Absorption of fibres that look of a colour where there are many; by the roughness around them."""
-    x = roughness
-    fit = ((((0.245 * x + 5.574) * x - 10.73) * x + 2.532) * x - 0.215) * x + 5.969
-    r = math.log(max(color[0], 1e-30)) / fit
-    g = math.log(max(color[1], 1e-30)) / fit
-    b = math.log(max(color[2], 1e-30)) / fit
-    return r * r, g * g, b * b
-
-
-@kernel
-def _absorption_of_melanin(melanin, redness):
-    """Absorption of a fibre by what it has of eumelanin and pheomelanin."""
-    amount = -math.log(max(1.0 - melanin, 0.0001))
-    eu, pheo = amount * (1.0 - redness), amount * redness
-    return 0.506 * eu + 0.343 * pheo, 0.841 * eu + 0.733 * pheo, 1.653 * eu + 1.924 * pheo
 
 
 @kernel
@@ -89,39 +66,29 @@ def _logistic_scale(x):
 @kernel(forceinline=True)
 def run_chiang(closures, tables, lane, view, weight, memory, code, pc):
     """Instruction `weight, color or absorption, tint, melanin, redness, its randomness, roughness along, around, its
-    randomness, coat, offset, ior, random | CHIANG_*`.
+    randomness, coat, offset, ior, random, edge | FIBRE_*`; the edge is of the triangle that is no strand.
     """
-    mode = code[pc + 15]
     random = 2.0 * (memory[code[pc + 14]] - 0.5)
     varied = 1.0 + random * memory[code[pc + 10]]
     along, around = memory[code[pc + 8]] * varied, memory[code[pc + 9]] * varied
-    color = read_operand(memory, code[pc + 3])
-    if mode == CHIANG_MELANIN:
-        amount = memory[code[pc + 5]] * (1.0 + random * min(max(memory[code[pc + 7]], 0.0), 1.0))
-        of_tint = _absorption_of(read_operand(memory, code[pc + 4]), around)
-        sigma = add(_absorption_of_melanin(amount, memory[code[pc + 6]]), of_tint)
-    elif mode == CHIANG_COLOR:
-        sigma = _absorption_of(color, around)
-    else:
-        sigma = color
+    sigma = absorption(code[pc + 16], memory, code, pc, random, around)
     i = append_closure(closures, lane, CHIANG, (weight, weight, weight), view.ns)
     if i < 0:
         return
     param = closures.param
     along, around = min(max(along, 0.001), 1.0), min(max(around, 0.001), 1.0)
     first = min(max((1.0 - min(max(memory[code[pc + 11]], 0.0), 1.0)) * along, 0.001), 1.0)
-    x = fibre_tangent(view)
+    x = fibre_tangent(view, read_operand(memory, code[pc + 15]))
     y = normalize(cross(x, view.wo))
     param[lane, i, _V] = _variance(along)
     param[lane, i, _V_FIRST] = _variance(first)
     param[lane, i, _S] = _logistic_scale(around)
     param[lane, i, _ALPHA] = -memory[code[pc + 12]]
     param[lane, i, _ETA] = max(memory[code[pc + 13]], 1.0 + 1e-4)
-    param[lane, i, _H] = min(max(dot(cross(view.ns, x), normalize(cross(x, y))), -1.0), 1.0)
-    param[lane, i, _PASSED + 3] = 0.0
+    param[lane, i, _H] = min(max(dot(cross(view.ng, x), normalize(cross(x, y))), -1.0), 1.0)
+    store_color(param, lane, i, _PASSED, passed_along_radius(sigma))
     for k in range(3):
         param[lane, i, HAIR_TANGENT + k] = x[k]
-        param[lane, i, _PASSED + k] = math.exp(-max(sigma[k], 0.0))
 
 
 @kernel
@@ -141,7 +108,7 @@ def _log_bessel(x):
 
 
 @kernel
-def _along(sin_i, cos_i, sin_o, cos_o, v):
+def longitudinal(sin_i, cos_i, sin_o, cos_o, v):
     """Distribution along the fibre, over the sphere (d'Eon et al. 2011, equation 7)."""
     inverse = 1.0 / v
     log_bessel = _log_bessel(cos_i * cos_o * inverse)
@@ -149,6 +116,14 @@ def _along(sin_i, cos_i, sin_o, cos_o, v):
     if v <= 0.1:
         return math.exp(log_bessel - sine - inverse + _LN_2 + math.log(0.5 * inverse))
     return math.exp(log_bessel - sine) / (2.0 * math.sinh(inverse) * v)
+
+
+@kernel
+def sample_longitudinal(sin_o, cos_o, v, u0, u1):
+    """Sine of an angle to the normal plane that `longitudinal` is the distribution of."""
+    u0 = min(max(u0, 1e-5), 1.0)
+    fac = 1.0 + v * math.log(u0 + (1.0 - u0) * math.exp(-2.0 / v))
+    return min(max(-fac * sin_o + cos_of(fac) * math.cos(_TWO_PI * u1) * cos_o, -1.0), 1.0)
 
 
 @kernel
@@ -238,7 +213,7 @@ def eval_chiang(param, channels, lane, i, n, wo, wi, factor, out, row):
         return 0.0
     for p in range(4):
         sin_p, cos_p = _tilted(sin_o, cos_o, param[lane, i, _ALPHA], p)
-        lobe = _along(sin_i, cos_i, sin_p, cos_p, _variance_of(param, lane, i, p))
+        lobe = longitudinal(sin_i, cos_i, sin_p, cos_p, _variance_of(param, lane, i, p))
         if p < 3:
             lobe *= _around(phi, np.float32(p), param[lane, i, _S], gamma_o, gamma_t)
         else:
@@ -267,11 +242,9 @@ def sample_chiang(param, channels, lane, i, wo, u0, u1, u2):
         left -= energy
         order += 1
         energy = _energy(param, channels, lane, i, reflected, way, order)
-    u = min(max(left / max(energy, 1e-30), 1e-5), 1.0)
     v = _variance_of(param, lane, i, order)
     sin_p, cos_p = _tilted(sin_o, cos_o, param[lane, i, _ALPHA], order)
-    fac = 1.0 + v * math.log(u + (1.0 - u) * math.exp(-2.0 / v))
-    sin_i = min(max(-fac * sin_p + cos_of(fac) * math.cos(_TWO_PI * u2) * cos_p, -1.0), 1.0)
+    sin_i = sample_longitudinal(sin_p, cos_p, v, left / max(energy, 1e-30), u2)
     cos_i = cos_of(sin_i)
     phi = math.atan2(dot(wo, z), dot(wo, y))
     if order < 3:

@@ -17,6 +17,8 @@ from engine.kernels.bsdf.kinds import (
     HAS_EVAL,
     HAS_TRANSMISSION,
     HAS_TRANSPARENT,
+    HUANG,
+    HUANG_ALPHA,
     LAST_MICROFACET,
     REFRACTION,
     SMOOTH_N,
@@ -162,6 +164,8 @@ def blur_glossy(closures, lane, roughness):
         if kind == CHIANG:
             for column in range(CHIANG_WIDTHS, CHIANG_WIDTHS + 3):
                 closures.param[lane, i, column] = max(closures.param[lane, i, column], roughness)
+        elif kind == HUANG:
+            closures.param[lane, i, HUANG_ALPHA] = max(closures.param[lane, i, HUANG_ALPHA], roughness)
         elif FIRST_MICROFACET <= kind <= LAST_MICROFACET:
             closures.param[lane, i, ALPHA_X] = max(closures.param[lane, i, ALPHA_X], roughness)
             closures.param[lane, i, ALPHA_Y] = max(closures.param[lane, i, ALPHA_Y], roughness)

@@ -25,6 +25,7 @@ from engine.kernels.bsdf.kinds import (
     GLASS,
     HAIR_REFLECTION,
     HAIR_TRANSMISSION,
+    HUANG,
     LAST_DIFFUSE,
     LAST_MICROFACET,
     PHASE,
@@ -83,9 +84,9 @@ def is_visible(kind, visibility):
 @kernel
 def hair_label(kind):
     """Kind of a ray that a fibre has scattered: as transmitted counts what was not reflected at once, and with Chiang's
-    model all, since that is nearly all.
+    model all, since that is nearly all; with Huang's, as in Cycles, nothing.
     """
-    return RAY_GLOSSY | (RAY_REFLECT if kind == HAIR_REFLECTION else RAY_TRANSMIT)
+    return RAY_GLOSSY | (RAY_REFLECT if kind == HAIR_REFLECTION or kind == HUANG else RAY_TRANSMIT)
 
 
 @kernel(forceinline=True)
@@ -211,10 +212,7 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
     sample_weight = param[lane, chosen, CLOSURE_SAMPLE_WEIGHT]
     kind = kinds[lane, chosen]
     n = read3(param, lane, chosen, CLOSURE_N)
-    wi = wo
-    label = 0
-    roughness = 1.0
-    eta = 1.0
+    wi, label, roughness, eta = wo, 0, 1.0, 1.0
     if not sample_weight > 0.0:
         return 0.0, wi, label, roughness, eta
     u0 = min(remaining / sample_weight, ONE_MINUS_EPSILON)
@@ -225,6 +223,8 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
     if FIRST_HAIR <= kind <= LAST_DIFFUSE:
         # It looks at no geometric normal.
         wi = sample_hair(kind, param, channels, lane, chosen, wo, u0, u1, u2)
+        if not dot(wi, wi) > 0.5:
+            return 0.0, wo, label, roughness, eta
         pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, chosen, -1.0, out, row)
         return pdf, wi, hair_label(kind), hair_roughness(kind, param, lane, chosen), eta
     if kind <= LAST_DIFFUSE:

@@ -14,6 +14,7 @@ import numpy as np
 from engine.kernels.bsdf.closures import append_closure, read3
 from engine.kernels.bsdf.kinds import HAIR_REFLECTION, HAIR_TRANSMISSION
 from engine.kernels.bsdf.lobe import HairLobe
+from engine.kernels.bsdf.normals import valid_specular_normal
 from engine.kernels.constants import PI
 from engine.kernels.memory import read3 as read_operand
 from engine.kernels.vector import add, cross, dot, normalize, orthonormal_basis, scale, subtract
@@ -38,22 +39,25 @@ def safe_asin(x):
 
 
 @kernel
-def fibre_tangent(view):
-    """Unit tangent of the fibre that a closure is on; on other surfaces any along them."""
+def fibre_tangent(view, edge):
+    """Unit tangent of the fibre that a closure is on; on other surfaces an edge of the triangle, else any along it."""
     if dot(view.tangent, view.tangent) > 0.0:
         return normalize(view.tangent)
+    if dot(edge, edge) > 0.0:
+        return normalize(edge)
     tangent, _ = orthonormal_basis(view.ns)
     return tangent
 
 
 @kernel(forceinline=True)
 def run_hair(closures, tables, lane, view, weight, memory, code, pc):
-    """Instruction `weight, color, roughness along, roughness around, offset, tangent | whether it is transmission`.
+    """Instruction `weight, color, roughness along, roughness around, offset, tangent, edge | is transmission`.
 
-    A tangent of zero is that of the curve.
+    A tangent of zero is that of the curve. On other surfaces it is the edge, and nothing is tilted there, as in Cycles.
     """
-    kind = HAIR_TRANSMISSION if code[pc + 8] != 0 else HAIR_REFLECTION
-    i = append_closure(closures, lane, kind, scale(read_operand(memory, code[pc + 3]), weight), view.ns)
+    kind = HAIR_TRANSMISSION if code[pc + 9] != 0 else HAIR_REFLECTION
+    n = valid_specular_normal(closures, lane, view.ng, view.wo, view.ns)
+    i = append_closure(closures, lane, kind, scale(read_operand(memory, code[pc + 3]), weight), n)
     if i < 0:
         return
     param = closures.param
@@ -62,7 +66,7 @@ def run_hair(closures, tables, lane, view, weight, memory, code, pc):
     if dot(tangent, tangent) > 0.0:
         tangent = normalize(tangent)
     else:
-        tangent = fibre_tangent(view)
+        tangent = fibre_tangent(view, read_operand(memory, code[pc + 8]))
         if not dot(view.tangent, view.tangent) > 0.0:
             offset = 0.0
     for k in range(3):

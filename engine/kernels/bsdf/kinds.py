@@ -36,6 +36,7 @@ FIRST_HAIR = 20
 HAIR_REFLECTION = 20
 HAIR_TRANSMISSION = 21
 CHIANG = 22
+HUANG = 23
 LAST_DIFFUSE = 23
 
 # Microfacet kinds: FIRST_MICROFACET to LAST_MICROFACET; those from REFRACTION on transmit.
@@ -89,6 +90,8 @@ ENERGY_SCALE = CLOSURE_KIND_PARAMS + 4
 F0_REAL = CLOSURE_KIND_PARAMS + 5
 #: Of fibres by Chiang's model: variance along the fibre, that of what is reflected first, scale around it.
 CHIANG_WIDTHS = CLOSURE_KIND_PARAMS + 4
+#: And by Huang's: their facets' alpha. They have no SMOOTH_N.
+HUANG_ALPHA = CLOSURE_WIDTH - 1
 ETA_D = CLOSURE_KIND_PARAMS + 6  # ETA at the d line, where ETA goes through the wavelengths
 F0 = CLOSURE_KIND_PARAMS + 7
 REFLECTION_TINT = F0 + 4

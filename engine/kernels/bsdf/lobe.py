@@ -43,7 +43,8 @@ class HairLobe:
     kind, evaluate, colors
         As of a `Lobe`; kinds from FIRST_HAIR on.
     sample : kernel
-        (param, channels, lane, i, wo, u0, u1, u2) -> wi, unit, with the density that `evaluate` returns.
+        (param, channels, lane, i, wo, u0, u1, u2) -> wi, unit, with the density that `evaluate` returns; zero where
+        it has none.
     roughness : kernel
         (param, lane, i) -> roughness.
     """
@@ -64,6 +65,10 @@ class View(NamedTuple):
         Direction to the viewer, geometric and smooth shading normal on the viewer's side.
     tangent : tuple of 3 float32
         Of the curve, not unit; 0 on other surfaces.
+    random : float32 in [0, 1)
+        For what a closure draws once.
+    footprint : float32
+        Radius of what a camera's ray sees of the surface [m], -1 of other rays.
     """
 
     wo: _Vector
@@ -71,3 +76,5 @@ class View(NamedTuple):
     ns: _Vector
     is_backfacing: bool
     tangent: _Vector
+    random: float
+    footprint: float

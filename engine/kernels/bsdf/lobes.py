@@ -22,6 +22,7 @@ from engine.kernels.bsdf import (
     diffuse,
     glossy,
     hair,
+    huang,
     oren_nayar,
     phase,
     plain_glass,
@@ -48,7 +49,7 @@ from engine.runtime.jit import by_number
 #: Diffuse kinds of lobes, and that of media; they are asked in this order.
 _DIFFUSE_LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE)
 #: What fibres have.
-HAIR_LOBES = (*hair.LOBES, chiang.LOBE)
+HAIR_LOBES = (*hair.LOBES, chiang.LOBE, huang.LOBE)
 LOBES = (*HAIR_LOBES, *_DIFFUSE_LOBES)
 
 #: Instructions that add lobes, by name; they are asked in this order.
@@ -64,6 +65,8 @@ INSTRUCTIONS = {
     "GLASS": glossy.run_glass,
     "HAIR": hair.run_hair,
     "CHIANG": chiang.run_chiang,
+    "HUANG": huang.run_huang,
+    "HUANG_OUTSIDE": huang.run_huang_outside,
     "SUBSURFACE": subsurface.run_subsurface,
 }
 

@@ -20,6 +20,8 @@ from engine.state.lanes import (
     POINT_FLAGS,
     POINT_NG,
     POINT_NS,
+    POINT_RADIUS,
+    POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_TANGENT,
     POINT_WO,
@@ -81,11 +83,14 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
     if opcode >= VOLUME_FIRST:
         run_volume_op(opcode, closures, lane, w, memory, code, pc)
         return
+    is_seen = points.integer[lane, POINT_RAY_FLAGS] & RAY_CAMERA != 0
     view = View(
         read_point(points, lane, POINT_WO),
         read_point(points, lane, POINT_NG),
         read_point(points, lane, POINT_NS),
         (points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING) != 0,
         read_point(points, lane, POINT_TANGENT),
+        points.real[lane, POINT_RANDOM],
+        points.real[lane, POINT_RADIUS] if is_seen else -1.0,
     )
     run_instruction(opcode - LOBES_FIRST, closures, tables, lane, view, w, memory, code, pc)

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What nodes read of curves and point clouds: the instruction OP_ROUND, `value <- | ROUND_*`."""
+"""What nodes read of curves and point clouds, and hair of triangles: the instruction OP_ROUND, `value <- | ROUND_*`."""
 
 from engine.kernels.memory import write3
 from engine.kernels.rounds import centre_of, radius_at, shape_at
-from engine.kernels.shader.surface import read_point
-from engine.kernels.vector import dot, normalize, scale, subtract
+from engine.kernels.shader.surface import edges, read_point
+from engine.kernels.vector import dot, negate, normalize, scale, subtract
 from engine.runtime.jit import kernel
 from engine.state.geometry import SHAPE_SPHERES, SHAPE_TRIANGLES
 from engine.state.lanes import (
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
     POINT_INSTANCE,
     POINT_TANGENT,
     POINT_TIME,
@@ -21,6 +23,9 @@ ROUND_THICKNESS = 1
 ROUND_TANGENT_NORMAL = 2
 ROUND_CENTRE = 3
 ROUND_RADIUS = 4
+# Edges of a triangle by which Embree counts u and v, turned to the viewer as normals are.
+ROUND_EDGE_U = 5
+ROUND_EDGE_V = 6
 
 
 @kernel
@@ -32,7 +37,7 @@ def is_strand(geometry, points, lane):
 
 @kernel
 def run_round_op(code, pc, memory, geometry, points, lane):
-    """OP_ROUND: 0 on other surfaces."""
+    """OP_ROUND: 0 on other surfaces than those asked about."""
     kind, out = code[pc + 3], code[pc + 2]
     instance, row = points.integer[lane, POINT_INSTANCE], points.integer[lane, POINT_TRIANGLE]
     time = points.real[lane, POINT_TIME]
@@ -45,6 +50,14 @@ def run_round_op(code, pc, memory, geometry, points, lane):
         if is_curve and square > 0.0:
             n = normalize(subtract(wo, scale(tangent, dot(tangent, wo) / square)))
         write3(memory, out, n)
+    elif kind == ROUND_EDGE_U or kind == ROUND_EDGE_V:
+        edge = (0.0, 0.0, 0.0)
+        if instance >= 0 and shape_at(geometry, instance) == SHAPE_TRIANGLES:
+            along_u, along_v = edges(geometry, instance, row, time)
+            edge = along_u if kind == ROUND_EDGE_U else along_v
+            if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING:
+                edge = negate(edge)
+        write3(memory, out, edge)
     elif kind == ROUND_CENTRE:
         p = (0.0, 0.0, 0.0)
         if is_sphere:

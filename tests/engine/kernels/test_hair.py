@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from engine.kernels.bsdf import chiang, hair
+from engine.kernels.bsdf import chiang, fibre_color, hair
 from engine.kernels.bsdf.lobe import View
 from engine.runtime.jit import kernel
 from engine.state.lanes import allocate_closures
 from tests.helpers.chi2 import histogram, p_value, sidak
+from tests.helpers.fibre_cells import cell_integrals
 
 WO = (np.float32(0.6), np.float32(0.64), np.float32(0.48))
 NS = (np.float32(0.8), np.float32(0.6), np.float32(0.0))
@@ -25,7 +25,7 @@ ROWS, COLUMNS = 12, 24
 
 @kernel
 def _add(closures, is_chiang, memory, code, wo, ns, tangent):
-    view = View(wo, ns, ns, False, tangent)
+    view = View(wo, ns, ns, False, tangent, 0.5, -1.0)
     if is_chiang:
         chiang.run_chiang(closures, 0, 0, view, 1.0, memory, code, 0)
     else:
@@ -76,13 +76,13 @@ def _closure(is_chiang, operands, immediate):
 
 
 def _chiang(sigma, along, around, coat=0.0):
-    # Color, tint, melanin, redness, randomness, roughnesses, randomness, coat, offset, ior, random.
-    operands = [sigma, (1.0, 1.0, 1.0), 0.0, 0.0, 0.0, along, around, 0.0, coat, 0.035, 1.55, 0.5]
-    return _closure(True, operands, chiang.CHIANG_ABSORPTION)
+    # Color, tint, melanin, redness, randomness, roughnesses, randomness, coat, offset, ior, random, edge.
+    operands = [sigma, (1.0, 1.0, 1.0), 0.0, 0.0, 0.0, along, around, 0.0, coat, 0.035, 1.55, 0.5, (0.0, 0.0, 0.0)]
+    return _closure(True, operands, fibre_color.FIBRE_ABSORPTION)
 
 
 def _hair(along, around, is_transmission):
-    return _closure(False, [(1.0, 1.0, 1.0), along, around, 0.1, (0.0, 0.0, 0.0)], is_transmission)
+    return _closure(False, [(1.0, 1.0, 1.0), along, around, 0.1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)], is_transmission)
 
 
 CASES = {
@@ -101,25 +101,13 @@ def _values(closures, directions):
 
 
 def _cell_integrals(closures, column=None):
-    """Density, or a column of the value, over the cells of `histogram`; by the angle to the fibre, as densities are
-    infinite along it.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(8)
+    """Density, or a column of the value, over the cells of `histogram`."""
 
-    def axis(edges):
-        step = np.diff(edges)[:, None]
-        return (edges[:-1, None] + 0.5 * (nodes + 1.0) * step).ravel(), (0.5 * weights * step).ravel()
+    def values_of(directions):
+        pdfs, values = _values(closures, directions)
+        return pdfs if column is None else values[:, column]
 
-    bounds = np.arcsin(np.linspace(-1.0, 1.0, ROWS + 1))
-    theta, theta_weight = axis(np.concatenate([np.linspace(a, b, 5)[:-1] for a, b in pairwise(bounds)] + [bounds[-1:]]))
-    phi, phi_weight = axis(np.linspace(0.0, 2.0 * np.pi, COLUMNS * 4 + 1))
-    sine, cosine = np.sin(theta), np.cos(theta)
-    z = np.broadcast_to(sine[:, None], (len(theta), len(phi)))
-    directions = np.stack([np.outer(cosine, np.cos(phi)), np.outer(cosine, np.sin(phi)), z], axis=-1)
-    pdfs, values = _values(closures, directions.reshape(-1, 3))
-    found = (pdfs if column is None else values[:, column]).astype(np.float64).reshape(len(theta), len(phi))
-    found *= (theta_weight * cosine)[:, None] * phi_weight
-    return found.reshape(ROWS, -1, COLUMNS, found.shape[1] // COLUMNS).sum(axis=(1, 3))
+    return cell_integrals(values_of, ROWS, COLUMNS)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -1,0 +1,444 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The Principled Hair BSDF of Huang: a fibre of elliptical cross section whose surface is made of facets.
+
+What such a fibre scatters is an integral over where across it a ray arrives, and over the facets that it meets inside.
+The closure draws both once, when it is added (`huang_path`). Given them, each lobe is that of the facets where light
+leaves, so that value and density have closed forms, and light samples, BSDF samples and guides agree exactly. Their
+mean over what was drawn is the model.
+
+References
+----------
+Huang, Hullin and Hanika 2022, "A Microfacet-based Hair Scattering Model"; Chiang et al. 2016 for what is reflected
+inside more than once.
+"""
+
+import math
+
+import numpy as np
+
+from engine.kernels.bsdf.chiang import cos_of, longitudinal, sample_longitudinal
+from engine.kernels.bsdf.closures import append_closure, store_color
+from engine.kernels.bsdf.fibre_color import absorption, passed_along_radius
+from engine.kernels.bsdf.fresnel import fresnel_dielectric
+from engine.kernels.bsdf.hair import fibre_tangent
+from engine.kernels.bsdf.huang_path import (
+    chord,
+    energy_scale,
+    first_facet,
+    normal_at,
+    refracted,
+    sample_facet,
+    second_facet,
+    second_gamma,
+    shadowing,
+    spherical,
+    third_facet,
+    third_gamma,
+)
+from engine.kernels.bsdf.kinds import HUANG, HUANG_ALPHA
+from engine.kernels.bsdf.lobe import HairLobe
+from engine.kernels.bsdf.no_lobes import add_transparent
+from engine.kernels.constants import INV_PI, PI
+from engine.kernels.memory import read3 as read_operand
+from engine.kernels.rng import hash_combine
+from engine.kernels.vector import (
+    add,
+    cross,
+    dot,
+    negate,
+    normalize,
+    orthonormal_basis,
+    scale,
+    subtract,
+    to_local,
+    to_world,
+)
+from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT
+
+# Columns of Closures.param.
+_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns
+_TURN = CLOSURE_KIND_PARAMS + 4  # from the tangent's own basis to the major axis [rad]
+_PASSED = CLOSURE_KIND_PARAMS + 5  # along a radius: exp(-absorption), a colour
+_GAMMA = CLOSURE_KIND_PARAMS + 9  # where the ray enters, see `huang_path`
+_THETA = CLOSURE_KIND_PARAMS + 10  # its way inside
+_PHI = CLOSURE_KIND_PARAMS + 11
+_THETA_BACK = CLOSURE_KIND_PARAMS + 12  # that after it was reflected, backwards
+_PHI_BACK = CLOSURE_KIND_PARAMS + 13
+# Factors of the lobes but for what happens where light leaves, and for absorption: R, TT, TRT, all others.
+_R, _TT, _TRT, _REST = (CLOSURE_KIND_PARAMS + 14 + k for k in range(4))
+_LEAVES = CLOSURE_KIND_PARAMS + 18  # of the light that is left after TRT, at each further facet
+_ASPECT = CLOSURE_KIND_PARAMS + 19  # minor axis over major axis
+_TILT = CLOSURE_KIND_PARAMS + 20  # of the scales [rad]
+_ETA = CLOSURE_KIND_PARAMS + 21
+
+_INV_TWO_PI = np.float32(0.5 / math.pi)
+_TWO_PI = np.float32(2.0 * math.pi)
+#: A refractive index so near to 1 bends nothing, and its lobes would be deltas.
+_LEAST_STEP = np.float32(1e-3)
+#: Least share of the light at a facet by which lobes are chosen: facets differ.
+_LEAST_SHARE = np.float32(0.05)
+
+
+@kernel
+def _major_axis(view, tangent, normal, aspect):
+    """The ellipse's major axis: the strand's normal; of circles and on other surfaces, across to the viewer."""
+    axis = normalize(cross(tangent, view.wo))
+    if aspect != 1.0 and dot(view.tangent, view.tangent) > 0.0:
+        axis = normalize(cross(tangent, normalize(cross(normal, tangent))))
+    if dot(axis, axis) > 0.5:
+        return axis
+    x, y, z = tangent
+    other = (z - y, x - z, y - x)
+    if x == y and x == z:
+        other = (z - y, x + z, -y - x)
+    return cross(tangent, normalize(other))
+
+
+@kernel
+def _meeting(view, aspect, normal, edge):
+    """The axes, the viewer's direction in them, where across the fibre the ray meets it, and the ellipse's half width.
+
+    The last two are in the half width of a circle.
+    """
+    tangent = fibre_tangent(view, edge)
+    x = _major_axis(view, tangent, normal, aspect)
+    z = normalize(cross(x, tangent))
+    v = to_local(view.wo, x, tangent, z)
+    h = -dot(normalize(cross(tangent, view.wo)), view.ns)
+    across = v[0] * v[0] + v[2] * v[2]
+    width = math.sqrt(max(1.0 - (1.0 - aspect * aspect) * v[0] * v[0] / max(across, 1e-20), 0.0))
+    return tangent, x, z, v, h, width
+
+
+@kernel
+def _aspect_of(value, view):
+    """Minor over major axis; on other surfaces than strands it may be more than 1."""
+    if value > 1.0 and dot(view.tangent, view.tangent) > 0.0:
+        value = 1.0 / value
+    return max(value, 1e-3)
+
+
+@kernel(forceinline=True)
+def run_huang_outside(closures, tables, lane, view, weight, memory, code, pc):
+    """Instruction `weight, aspect ratio, normal`: lets light through where the ellipse is narrower than the strand."""
+    if not dot(view.tangent, view.tangent) > 0.0:
+        return
+    aspect = _aspect_of(memory[code[pc + 3]], view)
+    _, _, _, _, h, width = _meeting(view, aspect, read_operand(memory, code[pc + 4]), (0.0, 0.0, 0.0))
+    if not abs(h) < width:
+        add_transparent(closures, lane, (weight, weight, weight))
+
+
+@kernel
+def _seed_of(view):
+    """What is drawn follows from this uint32."""
+    seed = np.float32(view.random).view(np.uint32)
+    for k in range(3):
+        seed = hash_combine(seed, np.float32(view.wo[k]).view(np.uint32))
+        seed = hash_combine(seed, np.float32(view.ns[k]).view(np.uint32))
+    return seed
+
+
+@kernel
+def _drawn_gamma(view, v, aspect, h, width, thickness):
+    """Where the ray enters: anywhere across the fibre, or within its pixel where the camera sees the fibre so wide.
+
+    References: Yan et al. 2017, "An Efficient and Practical Near and Far Field Fur Reflectance Model".
+    """
+    low, high = -1.0 + 0.0 * h, 1.0 + 0.0 * h
+    if view.footprint >= 0.0 and thickness > 0.0:
+        half = view.footprint / thickness
+        if width > half:
+            low = max((h - half) / width, -1.0)
+            high = min((h + half) / width, 1.0)
+    at = min(max(low + view.random * (high - low), -1.0), 1.0)
+    return math.atan2(v[2], -aspect * v[0]) - math.acos(-at)
+
+
+@kernel
+def _trace(param, data, lane, i, v, gamma, seed):
+    """Draw the ray's way through the fibre and set the lobes' factors, which hold those of the node."""
+    alpha, tilt = param[lane, i, HUANG_ALPHA], param[lane, i, _TILT]
+    eta, b = param[lane, i, _ETA], param[lane, i, _ASPECT]
+    of_tt, of_trt = param[lane, i, _TT], param[lane, i, _TRT]
+    param[lane, i, _GAMMA] = gamma
+    for column in (_THETA, _PHI, _THETA_BACK, _PHI_BACK, _TT, _TRT, _REST, _LEAVES):
+        param[lane, i, column] = 0.0
+    scaled = energy_scale(data, dot(normal_at(gamma, b, tilt), v), alpha, eta)
+    param[lane, i, _R] *= scaled
+    theta, phi, share = first_facet(alpha, tilt, eta, b, gamma, v, hash_combine(seed, np.uint32(1)))
+    if not share > 0.0:
+        return
+    gamma_2 = second_gamma(gamma, phi, b)
+    theta_back, phi_back, reflected, shown = second_facet(
+        alpha, tilt, eta, b, gamma_2, theta, phi, hash_combine(seed, np.uint32(2))
+    )
+    if shown < 0.0:
+        return
+    cos_2 = -dot(normal_at(gamma_2, b, -tilt), spherical(theta, phi))
+    share *= scaled * energy_scale(data, cos_2, alpha, 1.0 / eta)
+    param[lane, i, _THETA] = theta
+    param[lane, i, _PHI] = phi
+    param[lane, i, _TT] = of_tt * share
+    gamma_3 = third_gamma(gamma, phi, phi_back, b)
+    again, stays = third_facet(
+        alpha, tilt, eta, b, gamma_3, theta_back, phi_back, hash_combine(seed, np.uint32(3))
+    )
+    cos_3 = dot(normal_at(gamma_3, b, -tilt), spherical(theta_back, phi_back))
+    if not (of_trt > 0.0 and cos_3 > 0.0 and shown > 0.0):
+        return
+    share *= reflected * shown * energy_scale(data, cos_3, alpha, 1.0 / eta)
+    param[lane, i, _THETA_BACK] = theta_back
+    param[lane, i, _PHI_BACK] = phi_back
+    param[lane, i, _TRT] = of_trt * share
+    param[lane, i, _REST] = share * again * stays
+    param[lane, i, _LEAVES] = max(0.5 * (1.0 - reflected + 1.0 - again), 1e-5)
+
+
+@kernel(forceinline=True)
+def run_huang(closures, tables, lane, view, weight, memory, code, pc):
+    """Instruction `weight, color or absorption, tint, melanin, redness, its randomness, roughness, its randomness,
+    offset, ior, random, aspect ratio, R, TT, TRT, thickness, normal, edge | FIBRE_*`; the edge is of the
+    triangle, where the surface is no strand.
+    """
+    of_r, of_tt, of_trt = memory[code[pc + 14]], memory[code[pc + 15]], memory[code[pc + 16]]
+    if not max(of_r, of_tt, of_trt) > 0.0:
+        return
+    aspect = _aspect_of(memory[code[pc + 13]], view)
+    tangent, x, _, v, h, width = _meeting(
+        view, aspect, read_operand(memory, code[pc + 18]), read_operand(memory, code[pc + 19])
+    )
+    if not abs(h) < width:
+        add_transparent(closures, lane, (weight, weight, weight))
+        return
+    random = 2.0 * (memory[code[pc + 12]] - 0.5)
+    alpha = memory[code[pc + 8]] * (1.0 + random * memory[code[pc + 9]])
+    sigma = absorption(code[pc + 20], memory, code, pc, random, alpha)
+    i = append_closure(closures, lane, HUANG, (weight, weight, weight), view.ns)
+    if i < 0:
+        return
+    param = closures.param
+    first, second = orthonormal_basis(tangent)
+    eta = max(memory[code[pc + 11]], 0.01)
+    if abs(eta - 1.0) < _LEAST_STEP:
+        eta = 1.0 + _LEAST_STEP
+    for k in range(3):
+        param[lane, i, _TANGENT + k] = tangent[k]
+    param[lane, i, _TURN] = math.atan2(dot(second, x), dot(first, x))
+    store_color(param, lane, i, _PASSED, passed_along_radius(sigma))
+    param[lane, i, HUANG_ALPHA] = min(max(alpha, 0.001), 1.0)
+    param[lane, i, _ASPECT] = aspect
+    param[lane, i, _TILT] = -memory[code[pc + 10]]
+    param[lane, i, _ETA] = eta
+    param[lane, i, _R] = max(of_r, 0.0)
+    param[lane, i, _TT] = max(of_tt, 0.0)
+    param[lane, i, _TRT] = max(of_trt, 0.0)
+    gamma = _drawn_gamma(view, v, aspect, h, width, memory[code[pc + 17]])
+    _trace(param, tables.data, lane, i, v, gamma, _seed_of(view))
+
+
+@kernel
+def _axes(param, lane, i):
+    tangent = (param[lane, i, _TANGENT], param[lane, i, _TANGENT + 1], param[lane, i, _TANGENT + 2])
+    first, second = orthonormal_basis(tangent)
+    turn = param[lane, i, _TURN]
+    x = add(scale(first, math.cos(turn)), scale(second, math.sin(turn)))
+    return x, tangent, cross(x, tangent)
+
+
+@kernel
+def _inside(param, lane, i, order):
+    """Where light leaves by TT (1) or TRT (2): the way that it came, backwards, and the ellipse's parameter."""
+    gamma, b = param[lane, i, _GAMMA], param[lane, i, _ASPECT]
+    phi = param[lane, i, _PHI]
+    if order == 1:
+        return negate(spherical(param[lane, i, _THETA], phi)), second_gamma(gamma, phi, b)
+    phi_back = param[lane, i, _PHI_BACK]
+    return spherical(param[lane, i, _THETA_BACK], phi_back), third_gamma(gamma, phi, phi_back, b)
+
+
+@kernel
+def _ways(param, lane, i):
+    """How far light goes inside before it leaves by TT, and from there to where it leaves by TRT [radii]."""
+    gamma, b, phi = param[lane, i, _GAMMA], param[lane, i, _ASPECT], param[lane, i, _PHI]
+    gamma_2 = second_gamma(gamma, phi, b)
+    gamma_3 = third_gamma(gamma, phi, param[lane, i, _PHI_BACK], b)
+    slant = 1.0 / max(math.cos(param[lane, i, _THETA]), 1e-6)
+    slant_back = 1.0 / max(math.cos(param[lane, i, _THETA_BACK]), 1e-6)
+    return chord(slant, b, gamma, gamma_2 + PI), chord(slant_back, b, gamma_2, gamma_3)
+
+
+@kernel
+def _absorbed(param, lane, i, way, way_back, order, c):
+    """What of a channel is left where light leaves: of R, TT, TRT, all others."""
+    passed = param[lane, i, _PASSED + c]
+    if order == 0:
+        return 1.0
+    if order == 1:
+        return passed**way
+    both = passed ** (way + way_back)
+    if order == 2:
+        return both
+    mean, leaves = math.sqrt(both), param[lane, i, _LEAVES]
+    return both * mean * leaves / max(1.0 - mean * (1.0 - leaves), 1e-6)
+
+
+@kernel
+def _share(param, channels, lane, i, v, way, way_back, order):
+    """How likely a lobe is chosen, but for the sum of all: about what it scatters."""
+    factor = param[lane, i, _R + order]
+    if not factor > 0.0:
+        return 0.0
+    gamma, b, eta, tilt = param[lane, i, _GAMMA], param[lane, i, _ASPECT], param[lane, i, _ETA], param[lane, i, _TILT]
+    if order == 0:
+        reflected, _ = fresnel_dielectric(dot(normal_at(gamma, b, tilt), v), eta)
+        return factor * max(reflected, _LEAST_SHARE)
+    if order < 3:
+        w, gamma = _inside(param, lane, i, order)
+        reflected, _ = fresnel_dielectric(dot(normal_at(gamma, b, -tilt), w), 1.0 / eta)
+        factor *= max(1.0 - reflected, _LEAST_SHARE)
+    total = 0.0
+    for c in range(len(channels)):
+        total += _absorbed(param, lane, i, way, way_back, order, c)
+    # Where a colour absorbs all there may still be light for it at other facets.
+    return factor * total / np.float32(len(channels))
+
+
+@kernel
+def _facets(alpha, m, w, h, other):
+    """Density of facets `h` about `m` of those visible from `w` [sr^-1], and what of light to `other` is not hidden."""
+    squared = alpha * alpha
+    cos_m, cos_h = dot(m, w), dot(m, h)
+    if cos_m <= 0.0 or cos_h <= 0.0:
+        return 0.0, 0.0
+    sine = cross(m, h)
+    slope = dot(sine, sine) + squared * cos_h * cos_h
+    masked = 0.5 + 0.5 * math.sqrt(1.0 + squared * max(1.0 / (cos_m * cos_m) - 1.0, 0.0))
+    density = squared * INV_PI / (slope * slope) * max(dot(w, h), 0.0) / (cos_m * masked)
+    return density, shadowing(squared, cos_m, dot(m, other))
+
+
+@kernel
+def _eval_reflected(param, lane, i, v, wi):
+    """Density and value of R."""
+    gamma, b = param[lane, i, _GAMMA], param[lane, i, _ASPECT]
+    h = normalize(add(v, wi))
+    cos_h = dot(v, h)
+    if cos_h <= 0.0 or dot(normal_at(gamma, b, 0.0), v) <= 0.0:
+        return 0.0, 0.0
+    density, shown = _facets(param[lane, i, HUANG_ALPHA], normal_at(gamma, b, param[lane, i, _TILT]), v, h, wi)
+    density *= 0.25 / cos_h
+    if dot(normal_at(gamma, b, 0.0), wi) <= 0.0:
+        return density, 0.0
+    reflected, _ = fresnel_dielectric(cos_h, param[lane, i, _ETA])
+    return density, density * shown * reflected
+
+
+@kernel
+def _eval_leaving(param, lane, i, order, wi):
+    """Density and value of TT or TRT, but for what is absorbed and for the lobe's factor."""
+    w, gamma = _inside(param, lane, i, order)
+    b, eta = param[lane, i, _ASPECT], param[lane, i, _ETA]
+    inverse = 1.0 / eta
+    # Walter et al. 2007, equation 16, over the index inside.
+    h = add(w, scale(wi, inverse))
+    over_length = 1.0 / math.sqrt(max(dot(h, h), 1e-20))
+    if eta < 1.0:
+        h = negate(h)
+    h = scale(h, over_length)
+    cos_h, cos_out = dot(w, h), -dot(wi, h)
+    if cos_h <= 0.0 or cos_out <= 0.0:
+        return 0.0, 0.0
+    out = negate(wi)
+    m = normal_at(gamma, b, -param[lane, i, _TILT])
+    density, shown = _facets(param[lane, i, HUANG_ALPHA], m, w, h, out)
+    density *= inverse * inverse * cos_out * over_length * over_length
+    if dot(m, out) <= 0.0 or dot(normal_at(gamma, b, 0.0), out) <= 0.0:
+        return density, 0.0
+    reflected, _ = fresnel_dielectric(cos_h, inverse)
+    return density, density * shown * (1.0 - reflected)
+
+
+@kernel
+def _eval_order(param, lane, i, order, v, wi):
+    """Density and value of a lobe, but for what is absorbed and for its factor."""
+    if order == 0:
+        return _eval_reflected(param, lane, i, v, wi)
+    if order < 3:
+        return _eval_leaving(param, lane, i, order, wi)
+    spread = longitudinal(wi[1], cos_of(wi[1]), v[1], cos_of(v[1]), 4.0 * param[lane, i, HUANG_ALPHA]) * _INV_TWO_PI
+    return spread, spread
+
+
+@kernel
+def eval_huang(param, channels, lane, i, n, wo, wi, factor, out, row):
+    """See `Lobe.evaluate`."""
+    x, y, z = _axes(param, lane, i)
+    v, local = to_local(wo, x, y, z), to_local(wi, x, y, z)
+    way, way_back = _ways(param, lane, i)
+    whole, pdf = 0.0, 0.0
+    for order in range(4):
+        share = _share(param, channels, lane, i, v, way, way_back, order)
+        whole += share
+        if not share > 0.0:
+            continue
+        density, value = _eval_order(param, lane, i, order, v, local)
+        pdf += share * density
+        if value > 0.0:
+            value *= param[lane, i, _R + order] * factor
+            for c in range(len(channels)):
+                left = _absorbed(param, lane, i, way, way_back, order, c)
+                out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * value * left
+    return pdf / whole if whole > 0.0 else 0.0
+
+
+@kernel
+def sample_huang(param, channels, lane, i, wo, u0, u1, u2):
+    """See `HairLobe.sample`."""
+    x, y, z = _axes(param, lane, i)
+    v = to_local(wo, x, y, z)
+    way, way_back = _ways(param, lane, i)
+    whole = 0.0
+    for order in range(4):
+        whole += _share(param, channels, lane, i, v, way, way_back, order)
+    left = u0 * whole
+    order = 0
+    share = _share(param, channels, lane, i, v, way, way_back, 0)
+    while order < 3 and left >= share:
+        left -= share
+        order += 1
+        share = _share(param, channels, lane, i, v, way, way_back, order)
+    nothing = (0.0 * u0, 0.0 * u0, 0.0 * u0)
+    if not share > 0.0:
+        return nothing
+    alpha, tilt, eta = param[lane, i, HUANG_ALPHA], param[lane, i, _TILT], param[lane, i, _ETA]
+    if order == 3:
+        sine = sample_longitudinal(v[1], cos_of(v[1]), 4.0 * alpha, left / share, u2)
+        cosine, phi = cos_of(sine), _TWO_PI * u1
+        return to_world((math.sin(phi) * cosine, sine, math.cos(phi) * cosine), x, y, z)
+    b = param[lane, i, _ASPECT]
+    if order == 0:
+        m = normal_at(param[lane, i, _GAMMA], b, tilt)
+        if dot(m, v) <= 0.0:
+            return nothing
+        h = sample_facet(alpha, m, v, u1, u2)
+        return normalize(to_world(subtract(scale(h, 2.0 * dot(h, v)), v), x, y, z))
+    w, gamma = _inside(param, lane, i, order)
+    m = normal_at(gamma, b, -tilt)
+    if dot(m, w) <= 0.0:
+        return nothing
+    h = sample_facet(alpha, m, w, u1, u2)
+    reflected, cos_t = fresnel_dielectric(dot(w, h), 1.0 / eta)
+    if reflected >= 1.0:
+        return nothing
+    return to_world(refracted(w, h, cos_t, 1.0 / eta), x, y, z)
+
+
+@kernel
+def huang_roughness(param, lane, i):
+    """Alpha of the facets."""
+    return param[lane, i, HUANG_ALPHA]
+
+
+LOBE = HairLobe(HUANG, eval_huang, sample_huang, huang_roughness, (_PASSED,))
