@@ -112,11 +112,28 @@ def modernize(node: Node, index: int) -> list[Node]:
     if node.kind in _CHANGED:
         name, since = _CHANGED[node.kind]
         node.properties[name] = is_since(since)
-    if node.properties.get(_WALKS.get(node.kind, "")) == "RANDOM_WALK" and not is_since(_NEW_WALKS):
-        node.properties[_WALKS[node.kind]] = "RANDOM_WALK_LEGACY"
+    before = []
+    if node.kind in _WALKS and not is_since(_NEW_WALKS):
+        before = _walk_as_before(node, index)
     if node.kind == "ShaderNodeTexSky" and "dust_density" in node.properties:
         node.properties["aerosol_density"] = node.properties.pop("dust_density")
-    return [node]
+    return [*before, node]
+
+
+def _walk_as_before(node: Node, index: int) -> list[Node]:
+    """Make a node's subsurface scattering that of Blender before 5.2; returns what has to stand before it."""
+    if node.properties.get(_WALKS[node.kind]) == "RANDOM_WALK":
+        node.properties[_WALKS[node.kind]] = "RANDOM_WALK_LEGACY"
+    # Backward scattering counted as even.
+    name = "Anisotropy" if node.kind == "ShaderNodeSubsurfaceScattering" else "Subsurface Anisotropy"
+    anisotropy = node.inputs.get(name)
+    if not isinstance(anisotropy, Link):
+        if anisotropy is not None:
+            node.inputs[name] = max(anisotropy, 0.0)
+        return []
+    node.inputs[name] = Link(index, "Value")
+    inputs = {"Value": anisotropy, "Value_001": 0.0}
+    return [Node("ShaderNodeMath", node.name, inputs, {"operation": "MAXIMUM"})]
 
 
 def _principled(node: Node, index: int) -> list[Node]:

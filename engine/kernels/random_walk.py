@@ -22,13 +22,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.kernels.angles import sine_and_cosine
 from engine.kernels.constants import INV_FOUR_PI, TWO_PI
+from engine.kernels.exponential import decay
+from engine.kernels.rng import sample_4d, track_4
 from engine.kernels.vector import add, dot, orthonormal_basis, scale
 from engine.runtime.jit import kernel
 from engine.state.walks import (
     WALK_ALBEDO,
     WALK_CHANNEL,
     WALK_EXTINCTION,
+    WALK_HIT,
     WALK_REDUCED_EXTINCTION,
     WALK_REDUCED_SCATTERING,
     WALK_SCATTERING,
@@ -45,6 +49,10 @@ _MOST_ALBEDO = np.float32(0.999999)
 _LEAST_LENGTH = np.float32(1e-16)
 #: Mean cosines below which the inverse would divide by next to nothing.
 _ISOTROPIC = np.float32(1e-3)
+#: Steps whose numbers are stratified.
+STRATIFIED_STEPS = 8
+#: Their sets are so far apart, farther than vertices' (`engine.kernels.rng`).
+_STEP_SETS = 1 << 21
 _INV_TWO_PI = np.float32(2.0) * INV_FOUR_PI
 
 
@@ -148,8 +156,8 @@ class Entry(NamedTuple):
     ----------
     p, n : tuple of 3 float32
         Position and normal, outwards, of the point of entry.
-    length : float32
-        Diffusion length, in mean free paths.
+    length, inverse_length : float32
+        Diffusion length, in mean free paths, and 1 over it.
     log_ratio : float32
         Of (length + 1) / (length - 1).
     opposite : float32 [m]
@@ -159,6 +167,7 @@ class Entry(NamedTuple):
     p: tuple[float, float, float]
     n: tuple[float, float, float]
     length: float
+    inverse_length: float
     log_ratio: float
     opposite: float
 
@@ -174,19 +183,31 @@ def diffusion_length(channels, rows):
 
 
 @kernel
-def guided_fraction(g, step):
-    """Probability with which a step is guided (Cycles' rule)."""
-    if step > _LAST_UNEVEN:
-        return np.float32(0.75)
+def guided_fraction(g):
+    """Probability with which one of the first steps is guided (Cycles' rule)."""
     return 1.0 - max(np.float32(0.5), abs(g) ** np.float32(0.125))
 
 
 @kernel
-def medium_of_step(g, step):
-    """Row of the extinction and mean cosine by which a step is drawn."""
+def medium_of_step(g, guided, step):
+    """Row of the extinction and mean cosine by which a step is drawn, and how likely it is guided.
+
+    Parameters
+    ----------
+    g, guided : float32
+        Those of the first steps.
+    """
     if step > _LAST_UNEVEN:
-        return WALK_REDUCED_EXTINCTION, np.float32(0.0)
-    return WALK_EXTINCTION, g
+        return WALK_REDUCED_EXTINCTION, np.float32(0.0), np.float32(0.75)
+    return WALK_EXTINCTION, g, guided
+
+
+@kernel
+def walk_4(rng, sample, dimension, step):
+    """Four numbers of a walk's step, as `track_4`; the first steps are all stratified."""
+    if step < STRATIFIED_STEPS:
+        return sample_4d(rng, sample, dimension + step * _STEP_SETS)
+    return track_4(rng, sample, dimension, step)
 
 
 @kernel
@@ -200,11 +221,10 @@ def pick_channel(channels, rows, u):
         weight = abs(rows[WALK_THROUGHPUT, c] * rows[WALK_ALBEDO, c])
         rows[WALK_CHANNEL, c] = weight
         total += weight
+    inverse = 1.0 / total if total > 0.0 else np.float32(0.0)
+    even = np.float32(0.0) if total > 0.0 else 1.0 / np.float32(len(channels))
     for c in range(len(channels)):
-        if total > 0.0:
-            rows[WALK_CHANNEL, c] /= total
-        else:
-            rows[WALK_CHANNEL, c] = 1.0 / np.float32(len(channels))
+        rows[WALK_CHANNEL, c] = rows[WALK_CHANNEL, c] * inverse + even
     picked = 0
     for c in range(len(channels)):
         share = rows[WALK_CHANNEL, c]
@@ -232,20 +252,25 @@ def direction_about(axis, cosine, u):
     """Unit direction that has this cosine with a unit axis."""
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
     x, y = orthonormal_basis(axis)
-    across = add(scale(x, math.cos(TWO_PI * u)), scale(y, math.sin(TWO_PI * u)))
+    # The second half of the turn is the first one's mirror image.
+    is_second = u > 0.5
+    up, along = sine_and_cosine(TWO_PI * (1.0 - u if is_second else u))
+    across = add(scale(x, along), scale(y, -up if is_second else up))
     return add(scale(across, sine), scale(axis, cosine))
 
 
 @kernel
 def towards_surface(entry, u):
     """Cosine with the normal of a guided direction: Meng et al., Eq. (10)."""
-    return entry.length - (entry.length + 1.0) * math.exp(-u * entry.log_ratio)
+    return entry.length - (entry.length + 1.0) * decay(u * entry.log_ratio)
 
 
 @kernel
-def towards_density(entry, cosine):
-    """Density of `towards_surface`, by solid angle [sr^-1]."""
-    return _INV_TWO_PI / ((entry.length - cosine) * entry.log_ratio)
+def towards_densities(entry, cosine):
+    """Densities of `towards_surface` and of its mirror image, by solid angle [sr^-1]."""
+    less, more = entry.length - cosine, entry.length + cosine
+    both = _INV_TWO_PI / (less * more * entry.log_ratio)
+    return both * more, both * less
 
 
 @kernel
@@ -255,7 +280,7 @@ def backward_share(entry, p):
         return np.float32(0.0)
     depth = dot((entry.p[0] - p[0], entry.p[1] - p[1], entry.p[2] - p[2]), entry.n)
     depth = min(max(depth, 0.0), entry.opposite)
-    return 1.0 / (1.0 + math.exp((entry.opposite - 2.0 * depth) / entry.length))
+    return 1.0 / (1.0 + math.exp((entry.opposite - 2.0 * depth) * entry.inverse_length))
 
 
 class Ways(NamedTuple):
@@ -290,30 +315,33 @@ def weigh_step(channels, rows, medium, distance, is_exit, ways):
         The step has left the medium before it would have scattered.
     ways : Ways
     """
+    # Where the step ends inside, a path that is stretched ends as much more often.
+    forward = ways.guided * (1.0 - ways.backward) * ways.forward_ratio
+    back = ways.guided * ways.backward * ways.backward_ratio
+    if not is_exit:
+        forward *= ways.forward_stretch
+        back *= ways.backward_stretch
     density = np.float32(0.0)
     for c in range(len(channels)):
         extinction = rows[medium, c]
-        plain = math.exp(-extinction * distance)
-        step = plain if is_exit else extinction * plain
-        if ways.guided > 0.0:
-            stretched = ways.forward_stretch * extinction
-            guided = math.exp(-stretched * distance) * ways.forward_ratio
-            if not is_exit:
-                guided *= stretched
-            if ways.backward > 0.0:
-                stretched = ways.backward_stretch * extinction
-                back = math.exp(-stretched * distance) * ways.backward_ratio
-                if not is_exit:
-                    back *= stretched
-                guided += ways.backward * (back - guided)
-            step += ways.guided * (guided - step)
+        depth = extinction * distance
+        plain = decay(depth)
+        rows[WALK_HIT, c] = plain
+        step = (1.0 - ways.guided) * plain
+        if forward > 0.0:
+            step += forward * decay(ways.forward_stretch * depth)
+        if back > 0.0:
+            step += back * decay(ways.backward_stretch * depth)
+        if not is_exit:
+            step *= extinction
         density += rows[WALK_CHANNEL, c] * step
     inverse = 1.0 / density if density > 0.0 else np.float32(0.0)
     largest = np.float32(0.0)
     for c in range(len(channels)):
-        value = math.exp(-rows[medium, c] * distance)
+        value = rows[WALK_HIT, c] * inverse
         if not is_exit:
             value *= rows[medium + 1, c]
-        rows[WALK_THROUGHPUT, c] *= value * inverse
-        largest = max(largest, abs(rows[WALK_THROUGHPUT, c]))
+        left = rows[WALK_THROUGHPUT, c] * value
+        rows[WALK_THROUGHPUT, c] = left
+        largest = max(largest, abs(left))
     return largest

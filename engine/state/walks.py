@@ -8,7 +8,7 @@ from engine.runtime.bundle import Bundle
 from engine.state.columns import allocate, column
 
 # Rows of WalkLanes.real: extinction and scattering [1/m], the same of even scattering by similarity, single-scattering
-# albedo, throughput, with which probability a channel draws, and the weight of a hit.
+# albedo, throughput, with which probability a channel draws, and the weight of a hit, or how much comes through a step.
 WALK_EXTINCTION = 0
 WALK_SCATTERING = 1
 WALK_REDUCED_EXTINCTION = 2

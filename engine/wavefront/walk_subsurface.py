@@ -45,8 +45,9 @@ from engine.kernels.random_walk import (
     medium_of_step,
     pick_channel,
     scatter_by_phase,
-    towards_density,
+    towards_densities,
     towards_surface,
+    walk_4,
     weigh_step,
 )
 from engine.kernels.rng import SET_SUBSURFACE, track_4
@@ -83,6 +84,7 @@ _LEAST_THROUGHPUT = np.float32(1e-6)
 _NEAR = np.float32(10.0)
 #: Places on a line that are looked at.
 _MOST_HITS = 64
+_FOUR_PI = np.float32(4.0 * math.pi)
 
 
 @kernel
@@ -124,13 +126,11 @@ def _begin(paths, param, rows, lane, i):
 
 
 @kernel
-def _turn(entry, p, direction, g, step, u_way, u1, u2):
+def _turn(entry, p, direction, g, fraction, u_way, u1, u2):
     """Direction of a step behind the first, the factor on its extinction, and `Ways`.
 
-    `u_way` decides whether it is guided, and which way.
+    `fraction` of them are guided; `u_way` decides whether this one is, and which way.
     """
-    fraction = guided_fraction(g, step)
-    _, g_now = medium_of_step(g, step)
     backward = backward_share(entry, p)
     is_guided = u_way < fraction
     is_backward = is_guided and u_way < fraction * backward
@@ -140,18 +140,17 @@ def _turn(entry, p, direction, g, step, u_way, u1, u2):
             cosine = -cosine
         new = direction_about(entry.n, cosine, u2)
     else:
-        new = scatter_by_phase(direction, g_now, u1, u2)
+        new = scatter_by_phase(direction, g, u1, u2)
         cosine = dot(new, entry.n)
-    phase = henyey_greenstein(dot(direction, new), g_now)
-    forward, back = 1.0 - cosine / entry.length, 1.0 + cosine / entry.length
-    ways = Ways(
-        fraction, backward, towards_density(entry, cosine) / phase, towards_density(entry, -cosine) / phase, forward,
-        back,
-    )
+    inverse = _FOUR_PI if g == 0.0 else 1.0 / henyey_greenstein(dot(direction, new), g)
+    towards, away = towards_densities(entry, cosine)
+    part = cosine * entry.inverse_length
+    forward, back = 1.0 - part, 1.0 + part
+    ways = Ways(fraction, backward, towards * inverse, away * inverse, forward, back)
     stretch = np.float32(1.0)
     if is_guided:
         stretch = back if is_backward else forward
-    return normalize(new), stretch, ways
+    return new, stretch, ways
 
 
 @kernel
@@ -177,7 +176,7 @@ def _trace(scene, work, lane, p, direction, far, is_first):
 def _with_opposite(entry, direction, far):
     """`entry` with the opposite side, which the first ray has met at a distance."""
     depth = -dot(direction, entry.n) * far
-    return Entry(entry.p, entry.n, entry.length, entry.log_ratio, max(depth, 0.0))
+    return Entry(entry.p, entry.n, entry.length, entry.inverse_length, entry.log_ratio, max(depth, 0.0))
 
 
 @kernel
@@ -206,16 +205,16 @@ def _walk(scene, work, lane, direction, g):
     if not length > 1.0:
         return False, direction
     log_ratio = math.log((length + 1.0) / (length - 1.0))
-    entry = Entry(p, real_3(points, lane, POINT_NS), length, log_ratio, -1.0)
+    entry = Entry(p, real_3(points, lane, POINT_NS), length, 1.0 / length, log_ratio, -1.0)
     ways = Ways(0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
-    dimension = paths.dimension[lane] + SET_SUBSURFACE
+    dimension, guided = paths.dimension[lane] + SET_SUBSURFACE, guided_fraction(g)
     for step in range(MOST_STEPS):
-        u0, u_distance, u1, u2 = track_4(paths.rng[lane], paths.sample[lane], dimension, step)
+        u0, u_distance, u1, u2 = walk_4(paths.rng[lane], paths.sample[lane], dimension, step)
         channel, u0 = pick_channel(channels, rows, u0)
-        medium, _ = medium_of_step(g, step)
+        medium, g_now, fraction = medium_of_step(g, guided, step)
         stretch = np.float32(1.0)
         if step > 0:
-            direction, stretch, ways = _turn(entry, p, direction, g, step, u0, u1, u2)
+            direction, stretch, ways = _turn(entry, p, direction, g_now, fraction, u0, u1, u2)
         t = -math.log(1.0 - u_distance) / (rows[medium, channel] * stretch)
         far = t
         if step == 0:
@@ -367,7 +366,7 @@ def _go_below(scene, work, lane, i):
 
 @kernel
 def walk_subsurface(scene, unit, work, queue):
-    """Take paths to where they come out again; those that do not have ended.
+    """Take paths to where they come out again; those that do not have ended, and leave the queue.
 
     Parameters
     ----------
@@ -375,7 +374,7 @@ def walk_subsurface(scene, unit, work, queue):
         `work.walking`, whose closures are still those of the surface that they go in through.
     """
     paths, points, closures = work.paths, work.points, work.closures
-    lanes, lane_count = queue.lanes, queue.count[0]
+    lanes, lane_count, kept = queue.lanes, queue.count[0], 0
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
@@ -386,9 +385,11 @@ def walk_subsurface(scene, unit, work, queue):
         is_out, hit, direction = _go_below(scene, work, lane, work.walks.lobe[lane])
         if is_out:
             _come_out(work, lane, hit, direction)
+            lanes[kept] = lane
+            kept += 1
         else:
             paths.alive[lane] = 0
-    queue.count[0] = 0
+    queue.count[0] = kept
 
 
 @kernel

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.kernels.disk_sampling import burley_density
-from engine.kernels.random_walk import Entry, direction_about, towards_density, towards_surface
+from engine.kernels.random_walk import Entry, direction_about, towards_densities, towards_surface
 from engine.render.session import Session
 from engine.runtime.jit import in_python
 from engine.scene.description import Light
@@ -21,12 +21,15 @@ METHODS = ("RANDOM_WALK", "RANDOM_WALK_LEGACY", "RANDOM_WALK_SKIN")
 
 def test_guided_directions_have_the_density_that_they_are_weighed_by() -> None:
     length = 1.7
-    entry = Entry((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), length, float(np.log((length + 1.0) / (length - 1.0))), -1.0)
+    log_ratio = float(np.log((length + 1.0) / (length - 1.0)))
+    entry = Entry((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), length, 1.0 / length, log_ratio, -1.0)
     u = (np.arange(4096) + 0.5) / 4096
     cosines = np.array([in_python(towards_surface)(entry, number) for number in u])
-    densities = np.array([in_python(towards_density)(entry, cosine) for cosine in cosines])
+    densities, mirrored = np.array([in_python(towards_densities)(entry, cosine) for cosine in cosines]).T
     # Of an even u the density is that of its steps.
     np.testing.assert_allclose(2.0 * np.pi * densities[1:-1] * np.gradient(cosines)[1:-1] * 4096, 1.0, rtol=1e-3)
+    other_side = [in_python(towards_densities)(entry, -cosine)[0] for cosine in cosines]
+    np.testing.assert_allclose(mirrored, other_side, rtol=1e-5)
     assert cosines.min() >= -1.0 and cosines.max() <= 1.0
     axis = (0.0, 0.6, 0.8)
     assert np.dot(in_python(direction_about)(axis, 0.3, 0.7), axis) == pytest.approx(0.3, abs=1e-6)
