@@ -115,8 +115,15 @@ def _read_keys(
         if row % _CANCEL_INTERVAL == 0:
             context.check_cancel()
         keys[row] = [read(object=owner, particle_no=number, step=step) for step in range(key_count)]
-    # What a strand does not have is where it ends.
-    return keys.astype(np.float64)
+    return _end_short_strands(keys).astype(np.float64)
+
+
+def _end_short_strands(keys: Float32Array) -> Float32Array:
+    """Keys that a strand shorter than others does not have, of which Blender says zeros, are where it ends."""
+    steps = np.arange(keys.shape[1])
+    last = np.max(np.where((keys != 0.0).any(axis=2), steps, 0), axis=1)
+    ended: Float32Array = np.take_along_axis(keys, np.minimum(steps, last[:, None])[:, :, None], axis=1)
+    return ended
 
 
 def _radii(settings: Any, keys: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
