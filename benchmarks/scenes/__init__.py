@@ -16,8 +16,12 @@ from benchmarks.scenes import (
     hair,
     lights,
     limits,
+    matter,
+    matter_indoors,
+    matter_large,
     media,
     motion,
+    plants,
     principled,
     rooms,
     spectral,
@@ -28,6 +32,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
-    "subsurface", "textures",
+    "furnished", "geometry", "hair", "lights", "limits", "matter", "matter_indoors", "matter_large", "media", "motion",
+    "plants", "principled", "rooms", "spectral", "subsurface", "textures",
 ]  # fmt: skip
