@@ -31,8 +31,9 @@ class RenderRecord:
     evaluation, export or synchronisation, acceleration structures and handing over the result; the same definition
     for every renderer. `settings` are those the rival was given (`Rival.settings`). Peak memory is the whole
     process's, Blender and open file included. `first_image_seconds` is the time from the call to the first picture
-    shown, nan where that is unknown (Cycles). `light_paths` are the settings that decide what the picture converges to,
-    empty in records from before they were noted.
+    shown, nan where that is unknown (Cycles). `processor_seconds` are those of all threads of the process, whatever
+    else the machine did; processes that train networks are not counted. `light_paths` are the settings that decide
+    what the picture converges to, empty in records from before they were noted.
     """
 
     scene: str
@@ -48,6 +49,7 @@ class RenderRecord:
     settings: dict[str, Any] = field(default_factory=dict)
     samples: float = 0.0
     wall_seconds: float = 0.0
+    processor_seconds: float = math.nan
     export_seconds: float = 0.0
     compile_seconds: float = 0.0
     render_seconds: float = 0.0
@@ -121,11 +123,12 @@ def render_once(scene: Any, rival: Rival, budget: Budget, record: RenderRecord, 
     watch = _SampleWatch()
     bpy.app.handlers.render_stats.append(watch)
     environment.reset_peak_memory()
-    start = time.monotonic()
+    start, processor_start = time.monotonic(), time.process_time()
     try:
         bpy.ops.render.render(write_still=False)
     finally:
         wall_seconds = time.monotonic() - start
+        record.processor_seconds = time.process_time() - processor_start
         bpy.app.handlers.render_stats.remove(watch)
     record.peak_memory_mib = environment.peak_memory_mib()
     bpy.data.images["Render Result"].save_render(str(exr.resolve()), scene=scene)

@@ -147,9 +147,16 @@ def _key_count(settings: Any, *, is_final: bool) -> int:
 def _read_keys(owner: bpy.types.Object, drawn: _Drawn, numbers: range) -> Float32Array:
     """Keys of strands in the world, float32 (S, K, 3)."""
     read = drawn.system.co_hair
-    # What a strand does not have is where it ends.
     keys = (read(object=owner, particle_no=number, step=step) for number in numbers for step in range(drawn.key_count))
-    return _joined(keys, len(numbers) * drawn.key_count, 3).reshape(len(numbers), drawn.key_count, 3)
+    return _end_short_strands(_joined(keys, len(numbers) * drawn.key_count, 3).reshape(len(numbers), drawn.key_count, 3))
+
+
+def _end_short_strands(keys: Float32Array) -> Float32Array:
+    """Keys that a strand shorter than others does not have, of which Blender says zeros, are where it ends."""
+    steps = np.arange(keys.shape[1])
+    last = np.max(np.where((keys != 0.0).any(axis=2), steps, 0), axis=1)
+    ended: Float32Array = np.take_along_axis(keys, np.minimum(steps, last[:, None])[:, :, None], axis=1)
+    return ended
 
 
 def _joined(vectors: Iterable[Iterable[float]], count: int, width: int) -> Float32Array:

@@ -16,9 +16,13 @@ from benchmarks.scenes import (
     hair,
     lights,
     limits,
+    matter,
+    matter_indoors,
+    matter_large,
     media,
     motion,
     moving_strands,
+    plants,
     principled,
     rooms,
     spectral,
@@ -29,6 +33,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "moving_strands", "principled", "rooms",
-    "spectral", "subsurface", "textures",
+    "furnished", "geometry", "hair", "lights", "limits", "matter", "matter_indoors", "matter_large", "media", "motion",
+    "moving_strands", "plants", "principled", "rooms", "spectral", "subsurface", "textures",
 ]  # fmt: skip

@@ -32,6 +32,7 @@ from benchmarks.scenes.studio import (
     world,
     world_nodes,
 )
+from benchmarks.scenes.walls import shell, wall_with_hole
 
 WIDTH, HEIGHT = 48, 36
 WHITE = (0.75, 0.75, 0.75)
@@ -44,30 +45,6 @@ SCALES = {"1e-4": 1e-4, "1": 1.0, "1e6": 1e6}
 def _begin(ambient: float = 0.0, width: int = WIDTH, height: int = HEIGHT) -> None:
     resolution(width, height)
     world((ambient, ambient, ambient))
-
-
-def _wall_with_hole(name: str, surface: object, y: float, hole: Sequence[float], half: float, top: float) -> None:
-    """A wall across y, from -half to half and 0 to `top`, with a hole (x0, x1, z0, z1)."""
-    x0, x1, z0, z1 = hole
-    xs, zs = (-half, x0, x1, half), (0.0, z0, z1, top)
-    vertices = [(x, y, z) for z in zs for x in xs]
-    faces = [
-        (4 * row + column, 4 * row + column + 1, 4 * row + column + 5, 4 * row + column + 4)
-        for row in range(3)
-        for column in range(3)
-        if (row, column) != (1, 1)
-    ]
-    add_object(name, mesh(name, vertices, faces, surface))
-
-
-def _shell(name: str, surface: object, low: Sequence[float], high: Sequence[float], open_sides: str = "") -> None:
-    """The inside of a box but for the sides named: x, X, y, Y, z, Z (small: low)."""
-    corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    sides = {
-        "x": (0, 1, 3, 2), "X": (4, 6, 7, 5), "y": (0, 4, 5, 1),
-        "Y": (2, 3, 7, 6), "z": (0, 2, 6, 4), "Z": (1, 5, 7, 3),
-    }  # fmt: skip
-    add_object(name, mesh(name, corners, [face for side, face in sides.items() if side not in open_sides], surface))
 
 
 @scene("fail-parallax")
@@ -98,9 +75,9 @@ def thin() -> None:
 def keyhole() -> None:
     """A room lit through a hole in its wall: a small part of all directions brings a large part of the light."""
     _begin()
-    _shell("Room", diffuse(WHITE, "room"), (-2, -2, 0), (2, 2, 3), "Y")
-    _shell("Next", diffuse((0.9, 0.85, 0.8), "next"), (-2, 2, 0), (2, 5, 3), "y")
-    _wall_with_hole("Door", diffuse((0.6, 0.6, 0.65), "door"), 2.0, (0.9, 1.3, 0.9, 1.3), 2.0, 3.0)
+    shell("Room", diffuse(WHITE, "room"), (-2, -2, 0), (2, 2, 3), "Y")
+    shell("Next", diffuse((0.9, 0.85, 0.8), "next"), (-2, 2, 0), (2, 5, 3), "y")
+    wall_with_hole("Door", diffuse((0.6, 0.6, 0.65), "door"), 2.0, (0.9, 1.3, 0.9, 1.3), 2.0, 3.0)
     light("POINT", 250.0, (-1.0, 3.5, 2.5), shadow_soft_size=0.1)
     light("AREA", 14.0, (0.0, 0.0, 2.9), (0.0, 0.0, 0.0), size=1.5)
     camera((-1.6, -1.8, 1.6), (0.5, 1.2, 1.0), 26.0)
@@ -110,9 +87,9 @@ def keyhole() -> None:
 def dark_bright() -> None:
     """A dark room in front of one a thousand times as bright: what is learned belongs to the bright one."""
     _begin()
-    _shell("Dark", diffuse((0.5, 0.5, 0.55), "dark"), (-2, -3, 0), (2, 1, 3), "Y")
-    _shell("Bright", diffuse((0.85, 0.8, 0.7), "bright"), (-2, 1, 0), (2, 4, 3), "y")
-    _wall_with_hole("Wall", diffuse((0.6, 0.6, 0.6), "wall"), 1.0, (-0.5, 0.3, 0.001, 1.9), 2.0, 3.0)
+    shell("Dark", diffuse((0.5, 0.5, 0.55), "dark"), (-2, -3, 0), (2, 1, 3), "Y")
+    shell("Bright", diffuse((0.85, 0.8, 0.7), "bright"), (-2, 1, 0), (2, 4, 3), "y")
+    wall_with_hole("Wall", diffuse((0.6, 0.6, 0.6), "wall"), 1.0, (-0.5, 0.3, 0.001, 1.9), 2.0, 3.0)
     light("AREA", 600.0, (0.3, 2.8, 2.9), (0.3, 2.8, 0.0), size=0.8)
     light("AREA", 4.0, (0.0, -1.5, 2.9), (0.0, -1.5, 0.0), size=1.0)
     camera((-1.2, -2.8, 1.5), (0.2, 1.0, 1.0), 24.0)
@@ -237,7 +214,7 @@ def ten_rooms() -> None:
     bright = [emitter(color, 48.0) for color in ((1.0, 0.8, 0.6), (0.7, 0.8, 1.0))]
     for room in range(10):
         x, y = 3.2 * (room % 5 - 2), 3.2 * (room // 5)
-        _shell(f"Room {room}", wall, (x - 1.5, y - 1.5, 0.0), (x + 1.5, y + 1.5, 2.5))
+        shell(f"Room {room}", wall, (x - 1.5, y - 1.5, 0.0), (x + 1.5, y + 1.5, 2.5))
         block = diffuse((0.5, 0.55, 0.7), "block")
         add_object(f"Block {room}", box("Block", block, (0.7, 0.7, 0.9)), (x + 0.4, y + 0.3, 0.45), (0, 0, 25))
         centres = generator.uniform((x - 1.4, y - 1.4, 2.3), (x + 1.4, y + 1.4, 2.45), (100, 3))
@@ -370,7 +347,7 @@ def albedo() -> None:
     cycles = bpy.context.scene.cycles
     cycles.max_bounces = cycles.diffuse_bounces = 100
     snow = diffuse((0.999, 0.999, 0.999), "snow")
-    _shell("Pit", snow, (-1.5, -1.5, 0), (1.5, 1.5, 2.0), "Z")
+    shell("Pit", snow, (-1.5, -1.5, 0), (1.5, 1.5, 2.0), "Z")
     add_object("Lid", quad("Lid", snow, 3.0, 2.0), (0.0, 0.5, 2.0))
     light("SPOT", 40.0, (0.0, -1.0, 3.5), (0.0, -0.9, 0.0), shadow_soft_size=0.1, spot_size=math.radians(20))
     camera((-1.2, -1.35, 1.5), (0.4, 0.8, 0.6), 24.0)

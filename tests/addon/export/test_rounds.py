@@ -101,6 +101,15 @@ def test_children_stand_for_their_parents(scene: Any) -> None:
     assert len(hair.triangles) == 7 * 4 * 4
 
 
+def test_short_strands_end_where_they_are(scene: Any) -> None:
+    """Blender has fewer keys of strands that a random share of their length was taken from."""
+    _furry_square(child_type="INTERPOLATED", rendered_child_count=4, length_random=0.6, render_step=4)
+    keys = render_and_export(scene).meshes[1].vertices.reshape(7 * 4, 17, 3)
+    lengths = np.linalg.norm(np.diff(keys, axis=1), axis=2).sum(axis=1)
+    assert lengths.max() <= 1.05 and lengths.min() < 0.8 * lengths.max()
+    assert (np.diff(keys[:, :, 2], axis=1) >= -1e-4).all(), "hair grows up from a square, and no strand turns back"
+
+
 def test_a_view_layer_may_leave_hair_out(scene: Any) -> None:
     _furry_square()
     scene.view_layers[0].use_strand = False

@@ -19,6 +19,7 @@ from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, SUMS, Answer, trace, unpack_traced
 from engine.render.session import Session
 from engine.settings import RenderSettings
+from tests.helpers.fur_scenes import fur_on_skin
 from tests.helpers.small_scenes import corner_scene
 
 PASSES = ("Combined", "Variance", "Depth")
@@ -67,15 +68,15 @@ class WorkersHere:
         pass
 
 
-def by_one(settings, **options):
+def by_one(settings, scene=SCENE, **options):
     session = Session(replace(settings, deterministic=True))
-    session.load(SCENE)
+    session.load(scene)
     return session.render(passes=PASSES, **options)
 
 
-def by_workers(pool, settings, **options):
+def by_workers(pool, settings, scene=SCENE, **options):
     session = ClusterSession(settings, pool)
-    session.load(SCENE)
+    session.load(scene)
     return session.render(passes=PASSES, **options)
 
 
@@ -101,6 +102,15 @@ def test_the_picture_is_one_process_s(changes):
         assert is_same(result, wanted)
         assert result.report.sample_count == wanted.report.sample_count
         assert result.report.guiding.lines[1:] == wanted.report.guiding.lines[1:]
+
+
+def test_hair_and_light_below_surfaces_are_one_process_s():
+    scene = fur_on_skin()
+    settings = RenderSettings(threads=1, seed=3, guiding_method="VMM", samples=24, guiding_trial=False)
+    first, other = by_one(settings, scene, keep=True), by_workers(WorkersHere(2), settings, scene, keep=True)
+    assert is_same(other, first)
+    again = by_workers(WorkersHere(2), settings, scene, start=other.learned)
+    assert is_same(again, by_one(settings, scene, start=first.learned))
 
 
 @pytest.mark.slow

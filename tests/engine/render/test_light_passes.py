@@ -9,9 +9,12 @@ import pytest
 from engine.render.light_passes import LIGHT_PASSES, divide_by_color, group_pass, light_part_count
 from engine.render.session import Session
 from engine.scene.description import Light, World
+from engine.scene.rounds import RIBBONS
 from engine.settings import RenderSettings
+from tests.helpers.fur_scenes import chiang, fur_scene, hair_fibre
 from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.small_scenes import corner_scene, floor_scene, material, sun
+from tests.helpers.subsurface_scenes import below, box_scene
 
 PASSES = ("Combined", "Emission", "Environment", *LIGHT_PASSES)
 
@@ -86,6 +89,30 @@ def test_translucent_light_is_diffuse():
     assert np.allclose(images["Diffuse Color"], (0.5, 0.25, 1.0), rtol=1e-4)
     assert images["Diffuse Direct"].min() > 0.0 and images["Diffuse Indirect"].max() > 0.0
     assert np.allclose(sum_of_passes(images), images["Combined"][..., :3], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["RANDOM_WALK", "RANDOM_WALK_SKIN", "BURLEY"])
+def test_light_from_below_a_surface_is_diffuse(method):
+    """Direct too: what enters and comes out is one scattering, as in Cycles."""
+    images = render(box_scene(below(method, (0.8, 0.5, 0.2), scale=0.1, Roughness=1.0)), samples=16).passes
+    assert np.allclose(images["Diffuse Color"].mean(axis=(0, 1)), (0.8, 0.5, 0.2), rtol=0.02)
+    assert images["Diffuse Direct"].min() > 0.0
+    for name in ("Glossy Direct", "Glossy Indirect", "Transmission Direct", "Transmission Indirect"):
+        assert not images[name].any(), name
+    assert np.allclose(sum_of_passes(images), images["Combined"][..., :3], rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "fibre, lobe", [(hair_fibre("Reflection"), "Glossy"), (hair_fibre("Transmission"), "Transmission"),
+                    (chiang(), "Glossy")],
+    ids=["reflection", "transmission", "Chiang"],
+)  # fmt: skip
+def test_light_from_hair_is_of_its_lobe(fibre, lobe):
+    other = {"Glossy": "Transmission", "Transmission": "Glossy"}[lobe]
+    images = render(fur_scene(RIBBONS, fibre=fibre), samples=16).passes
+    assert images[f"{lobe} Direct"].mean() > 0.0 and images[f"{lobe} Color"].mean() > 0.0
+    assert not images[f"{other} Direct"].any() and not images[f"{other} Color"].any()
+    assert np.allclose(sum_of_passes(images), images["Combined"][..., :3], rtol=1e-4, atol=1e-5)
 
 
 def test_a_lamp_that_the_camera_sees_is_emission():

@@ -13,6 +13,7 @@ from engine.runtime.jit import in_python
 from engine.scene.description import Light
 from engine.settings import RenderSettings
 from tests.helpers.media_renders import means_by_seed, picture, render
+from tests.helpers.placed_quads import steps, turned
 from tests.helpers.small_scenes import material
 from tests.helpers.subsurface_scenes import below, box_scene
 
@@ -51,6 +52,16 @@ def test_a_white_box_under_a_white_sky_is_white(method: str, white: float) -> No
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
     # A millionth is absorbed at each step, and a walk of 256 steps ends (Cycles' rules).
     assert (np.abs(means.mean(axis=0) - white) <= 4.0 * error + 5e-4).all()
+
+
+def test_a_white_box_stays_white_while_it_moves() -> None:
+    """Up by two metres, and turning, under a camera that sees its top throughout: walks keep to their path's time."""
+    scene = box_scene(below("RANDOM_WALK", scale=0.5))
+    places = (turned(0.4 * t, position=(0.3 * t, -0.2 * t, t)) for t in (-1.0, 0.0, 1.0))
+    scene.instances.motion = {0: steps(*places)}
+    means = means_by_seed(scene, samples=64, seeds=6)
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    assert (np.abs(means.mean(axis=0) - 1.0) <= 4.0 * error + 5e-4).all()
 
 
 def test_shallow_light_comes_back_as_in_cycles() -> None:

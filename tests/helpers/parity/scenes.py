@@ -31,7 +31,7 @@ COMPARABLE = tuple(
     sorted(
         name
         for name, scene in SCENES.items()
-        if scene.group not in ("failures", "spectral", "furnished", "clamped")
+        if scene.group not in ("failures", "spectral", "furnished", "clamped", "matter_indoors", "matter_large")
         and name not in ("torus-in-glass", "weathered-rooms", "study", "evening-room-fog")
         and (scene.group != "failing_media" or name.removeprefix("fail-fog-") in _QUICK)
         or name == "spectral-colors"
