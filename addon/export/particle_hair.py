@@ -148,7 +148,8 @@ def _read_keys(owner: bpy.types.Object, drawn: _Drawn, numbers: range) -> Float3
     """Keys of strands in the world, float32 (S, K, 3)."""
     read = drawn.system.co_hair
     keys = (read(object=owner, particle_no=number, step=step) for number in numbers for step in range(drawn.key_count))
-    return _end_short_strands(_joined(keys, len(numbers) * drawn.key_count, 3).reshape(len(numbers), drawn.key_count, 3))
+    shape = (len(numbers), drawn.key_count, 3)
+    return _end_short_strands(_joined(keys, shape[0] * shape[1], 3).reshape(shape))
 
 
 def _end_short_strands(keys: Float32Array) -> Float32Array:
