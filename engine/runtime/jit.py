@@ -8,6 +8,7 @@
 - room for what called functions return is not cleared first (`lowering.py`);
 - other kernels call a twin without Python wrapper, machine code and cache file of its own;
 - a wrapper by which C calls it is made for those kernels alone that a library calls;
+- what operators do with numbers is found out once, not at each place where they are written (`inference.py`);
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
 - literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
 - numba hears of a kernel when it is first needed (`Kernel`): most of a process's kernels never are;

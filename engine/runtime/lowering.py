@@ -19,7 +19,9 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.lowering import Lower
-from numba.core.typed_passes import BaseNativeLowering, NativeLowering
+from numba.core.typed_passes import BaseNativeLowering, NativeLowering, NopythonTypeInference
+
+from engine.runtime.inference import KernelTypeInference
 
 
 def leave_uncleared(function: ir.Function) -> None:
@@ -77,12 +79,15 @@ class _KernelLowering(BaseNativeLowering):
         return True
 
 
+_OURS = {NativeLowering: _KernelLowering, NopythonTypeInference: KernelTypeInference}
+
+
 class KernelCompiler(CompilerBase):
-    """Numba's compiler, but for what the module's docstring says."""
+    """Numba's compiler, but for what this module and `inference` say."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Numba's passes, with a lowering of ours."""
+        """Numba's passes, some of them ours."""
         passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(_KernelLowering if one is NativeLowering else one, why) for one, why in passes.passes]
+        passes.passes = [(_OURS.get(one, one), why) for one, why in passes.passes]
         passes.finalize()
         return [passes]
