@@ -9,6 +9,7 @@ from benchmarks.scenes import (
     clamped,
     closures,
     displaced,
+    displaced_followers,
     failing_media,
     failures,
     furnished,
@@ -27,7 +28,7 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
-    "subsurface", "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
+    "failing_media", "failures", "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled",
+    "rooms", "spectral", "subsurface", "textures",
 ]  # fmt: skip
