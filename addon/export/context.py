@@ -7,15 +7,14 @@ import math
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
 from engine.scene.description import Image, Material, Mesh, Notice
 from engine.scene.dicing import Dicing
 
-if TYPE_CHECKING:
-    from .dicing import DicingView
+from .dicing_view import DicingView
 
 
 class ExportCancelled(Exception):

@@ -20,7 +20,8 @@ from engine.scene.description import Frame
 
 from ..versions import SETTINGS, is_since, read_setting
 from .context import ExportContext, Window, cycles_property
-from .dicing import DicingView, dicing_of, dicing_setting, most_levels, offscreen_scale, rate_of
+from .dicing import dicing_of, dicing_setting, most_levels, offscreen_scale, rate_of
+from .dicing_view import DicingView
 
 #: Faces that any mesh may have.
 _FEWEST_FACES = 1 << 16
@@ -56,7 +57,7 @@ def cap_levels(context: ExportContext, camera_object: bpy.types.Object, frame: F
     if context.depsgraph.mode != "RENDER" or not is_since(SETTINGS["use_adaptive_subdivision"].since):
         return
     camera = dicing_setting(context, "dicing_camera", None) or camera_object
-    view = DicingView.of_camera(context, camera.evaluated_get(context.depsgraph), frame.width, frame.height)
+    view = DicingView.of_camera(context.depsgraph, camera.evaluated_get(context.depsgraph), frame.width, frame.height)
     for item in context.depsgraph.ids:
         if not isinstance(item, bpy.types.Object) or item.type != "MESH":
             continue
@@ -85,7 +86,7 @@ def dice_in_window(context: ExportContext, window: Window) -> None:
     kept, context.cache.dicings = context.cache.dicings, {}
     view, camera = window.dicing_view, dicing_setting(context, "dicing_camera", None)
     if camera is not None:
-        view = DicingView.of_camera(context, camera.evaluated_get(context.depsgraph), view.width, view.height)
+        view = DicingView.of_camera(context.depsgraph, camera.evaluated_get(context.depsgraph), view.width, view.height)
     for item in context.depsgraph.ids:
         if not isinstance(item, bpy.types.Object) or item.type != "MESH" or not _may_displace(item):
             continue

@@ -61,7 +61,7 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
         context.notice(shown.name, "a shading offset of the shadow terminator is not supported", "no offset")
     if _is_culled(context.scene, shown):
         context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
-    modifier = diced_modifier(context.scene, shown.original)
+    modifier = diced_modifier(context.scene, shown.original, in_window=context.window is not None)
     if modifier is not None and shown.original.as_pointer() not in context.diced:
         level = context.subdivision_levels.get(shown.original.as_pointer())
         evenly = f"subdivided evenly, {level} times instead of {modifier.render_levels}"

@@ -13,7 +13,7 @@ from engine.viewport.view import Region, View
 
 from ..export.camera import export_camera, film_exposure
 from ..export.context import ExportContext
-from ..export.dicing import DicingView
+from ..export.dicing_view import DicingView
 from .window import border_region, frame_in_window, panorama_plane, plane_of, within
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from benchmarks.scenes import (
     clamped,
     closures,
     displaced,
+    displaced_followers,
     failing_media,
     failures,
     furnished,
@@ -32,7 +33,8 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "hair", "lights", "limits", "matter", "matter_indoors", "matter_large", "media", "motion",
-    "moving_strands", "plants", "principled", "rooms", "spectral", "subsurface", "textures",
+    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
+    "failing_media", "failures", "furnished", "geometry", "hair", "lights", "limits", "matter", "matter_indoors",
+    "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral", "subsurface",
+    "textures",
 ]  # fmt: skip

@@ -14,7 +14,6 @@ from benchmarks.scenes.studio import (
     Nodes,
     Socket,
     add_object,
-    box,
     camera,
     diffuse,
     light,
@@ -134,46 +133,6 @@ def instances() -> None:
     plain = add_object("Plain", data, (0.0, 1.6, 1.0), (60, 0, 0))
     plain.material_slots[0].link = "OBJECT"
     plain.material_slots[0].material = diffuse((0.3, 0.5, 0.6))
-
-
-@scene("displaced-sharp")
-def sharp() -> None:
-    """Boxes whose lids have sharp edges, one with flat sides besides: up to Blender 5.1 Cycles tears them off."""
-    _sunlit((2.0, -4.5, 2.5))
-
-    def heights(nodes: Nodes) -> Socket:
-        return nodes("Displacement", Height=1.0, Midlevel=0.0, Scale=0.15)
-
-    for column, has_flat_sides in enumerate((False, True)):
-        data = box(f"Box {column}", displaced(heights), (1.0, 1.0, 1.0))
-        is_flat = [has_flat_sides and abs(face.normal.x) > 0.5 for face in data.polygons]
-        data.polygons.foreach_set("use_smooth", np.logical_not(is_flat))
-        is_upper = [data.vertices[a].co.z > 0.0 and data.vertices[b].co.z > 0.0 for a, b in data.edge_keys]
-        marks = data.attributes.get("sharp_edge") or data.attributes.new("sharp_edge", "BOOLEAN", "EDGE")
-        marks.data.foreach_set("value", is_upper)
-        data.update()
-        add_object(f"Box {column}", data, (2.0 * column - 1.0, 0.0, 0.0), (0, 0, 20))
-
-
-@scene("displaced-tangents")
-def tangents() -> None:
-    """Brushed metal along a UV map's tangents, and a normal map, on what is displaced."""
-    lit_stage()
-
-    def heights(nodes: Nodes) -> Socket:
-        return nodes("Displacement", Height=noise(nodes, "Generated", 2.5), Midlevel=0.5, Scale=0.9)
-
-    def brushed(nodes: Nodes) -> Socket:
-        along = nodes("Tangent", {"direction_type": "UV_MAP", "uv_map": "UVMap"})
-        return nodes("BsdfAnisotropic", Color=(0.8, 0.7, 0.5), Roughness=0.4, Anisotropy=0.9, Tangent=along)
-
-    def mapped(nodes: Nodes) -> Socket:
-        normal = nodes("NormalMap", {"uv_map": "UVMap"}, Color=(0.8, 0.4, 0.9))
-        return nodes("BsdfDiffuse", Color=(0.6, 0.5, 0.4), Normal=normal)
-
-    for column, surface in enumerate((brushed, mapped)):
-        data = grid(f"Sheet {column}", displaced(heights, surface=surface), 1.6, 40)
-        add_object(f"Sheet {column}", data, (1.8 * column - 0.9, 0.0, 0.8), (50, 0, 20))
 
 
 @scene("displaced-dunes")

@@ -9,7 +9,6 @@ from typing import Any
 
 import bpy
 
-from benchmarks.scenes.displaced import displaced, grid, noise
 from benchmarks.scenes.registry import scene
 from benchmarks.scenes.studio import (
     Nodes,
@@ -173,29 +172,6 @@ def deform() -> None:
         bend.angle = angle
         ribbon.keyframe_insert('modifiers["Bend"].angle', frame=frame)
     _straighten(ribbon)
-    _shutter()
-
-
-@scene("motion-displaced")
-def displaced_moves() -> None:
-    """A displaced ball that is pressed flat, and a displaced sheet that flies and turns, twice: true, and with bump."""
-    lit_stage()
-
-    def heights(nodes: Nodes) -> Socket:
-        return nodes("Displacement", Height=noise(nodes, "Generated", 4.0, 2.0), Midlevel=0.5, Scale=0.6)
-
-    ball = add_object("Ball", sphere("Ball", displaced(heights), 0.7, 64, 32), (-0.9, -0.2, 0.8))
-    ball.shape_key_add(name="Basis")
-    flat = ball.shape_key_add(name="Flat")
-    for point in flat.data:
-        point.co.z *= 0.4
-    _animate(flat, "value", 0.0, 1.0)
-    sheet = grid("Sheet", displaced(heights, "BOTH"), 0.9, 16)
-    ways = {"Flies": ((0.2, 0.0, 0.5), (1.2, 0.0, 1.1)), "Turns": ((1.5, -0.6, 0.4), (1.5, -0.6, 0.4))}
-    for name, (start, end) in ways.items():
-        flies = add_object(name, sheet, start, (60, 0, 0))
-        _animate(flies, "location", start, end)
-        _animate(flies, "rotation_euler", (1.0, 0.0, -0.5), (1.0, 0.0, 0.5))
     _shutter()
 
 

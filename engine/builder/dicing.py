@@ -7,6 +7,7 @@ into two, three or four, by how many of their edges are (Bank, Sherman and Weise
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,8 @@ from engine.scene.limits import check_memory_of
 _TOO_LONG = 1.7
 #: Triangles that a square of one length each way becomes.
 _TRIANGLES_PER_SQUARE = 2.3
+#: Places at which lengths are looked up to know how many there will be.
+_LOOKS = 1 << 16
 #: No edge need be shorter.
 _LEAST = 1e-12
 #: Where a triangle's corners lie in it.
@@ -78,13 +81,28 @@ def dice(mesh: Mesh, dicing: Dicing, check_cancel: Callable[[], None] = lambda: 
 
 
 def estimated_count(mesh: Mesh, dicing: Dicing) -> int:
-    """About how many triangles there will be."""
-    positions, lengths = _measured(mesh, dicing)
-    a, b, c = (positions[mesh.triangles[:, corner]].astype(np.float64) for corner in range(3))
+    """About how many triangles there will be: lengths are looked up at places all over the mesh's triangles."""
+    if not len(mesh.triangles):
+        return 0
+    corners = _measured(mesh, dicing)[0][mesh.triangles]
+    edges = corners[:, 1:] - corners[:, :1]
     with np.errstate(invalid="ignore", over="ignore"):
-        areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        counts = _TRIANGLES_PER_SQUARE * areas / np.square(lengths[mesh.triangles].min(axis=1))
-    return int(np.clip(np.nan_to_num(counts, posinf=4.0**dicing.level), 1.0, 4.0**dicing.level).sum())
+        areas = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        weights = _centers(max(int(math.sqrt(_LOOKS / len(corners))), 1))
+        points = np.einsum("pk,tkx->tpx", weights, corners)
+        shares = np.square(1.0 / _lengths(dicing, points.reshape(-1, 3))).reshape(len(corners), -1).mean(axis=1)
+        counts = _TRIANGLES_PER_SQUARE * areas * shares
+    most = 4.0**dicing.level
+    return int(np.clip(np.nan_to_num(counts, posinf=most), 1.0, most).sum())
+
+
+def _centers(parts: int) -> np.ndarray:
+    """Barycentrics of the centres of parts^2 equal triangles that a triangle consists of, (parts^2, 3)."""
+    i, j = np.divmod(np.arange(parts * parts), parts)
+    upright = np.stack([i, j], axis=1)[i + j < parts] + 1.0 / 3.0
+    turned = np.stack([i, j], axis=1)[i + j < parts - 1] + 2.0 / 3.0
+    places = np.concatenate([upright, turned]) / parts
+    return np.concatenate([1.0 - places.sum(axis=1, keepdims=True), places], axis=1)
 
 
 def diced(mesh: Mesh, dicing: Dicing, check_cancel: Callable[[], None] = lambda: None) -> Mesh:

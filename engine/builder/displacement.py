@@ -18,6 +18,7 @@ from engine.builder.dicing import dice
 from engine.builder.displaced_normals import displaced_normals, face_normals, unit_vectors
 from engine.builder.fans import split_at_fans
 from engine.builder.geometry import build_geometry
+from engine.builder.point_batches import PointBatches
 from engine.builder.programs import Programs
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.attribute_names import (
@@ -34,9 +35,8 @@ from engine.scene.tangents import compute_tangents
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state import lanes as layout
 from engine.state.geometry import GeometryArrays
-from engine.state.lanes import LANE_COUNT, allocate_closures, allocate_points
-from engine.state.shaders import MODE_EMISSION, allocate_memory
-from engine.wavefront.evaluate_shaders import evaluate_shaders
+from engine.state.lanes import LANE_COUNT
+from engine.state.shaders import MODE_EMISSION
 
 #: Barycentrics of a triangle's corners.
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.float32)
@@ -256,28 +256,17 @@ class _Evaluation:
     def _look_up(self, geometry: GeometryArrays, seen: _Seen) -> Float32Array:
         """What programs give at points of the only instance of a geometry, float32 (N, 3), in the world."""
         shaders = self._programs.arrays
-        points, closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
-        lanes = np.arange(LANE_COUNT, dtype=np.int32)
-        memory = allocate_memory(shaders)
-        real, integer = points.real, points.integer
-        real[:], integer[:] = 0.0, 0
-        real[:, layout.POINT_TIME] = 0.5
-        integer[:, layout.POINT_LIGHT] = -1
+        batches = PointBatches(shaders)
+        batches.points.real[:, layout.POINT_TIME] = 0.5
+        batches.points.integer[:, layout.POINT_LIGHT] = -1
+        real = {
+            layout.POINT_P: seen.positions, layout.POINT_NG: seen.face_normals, layout.POINT_NS: seen.normals,
+            layout.POINT_WO: seen.normals, layout.POINT_U: seen.barycentrics,
+        }  # fmt: skip
+        integer = {layout.POINT_TRIANGLE: seen.triangles, layout.POINT_PROGRAM: seen.programs}
         found = np.empty(seen.positions.shape, np.float32)
-        for start in range(0, len(found), LANE_COUNT):
-            part = slice(start, start + LANE_COUNT)
-            count = len(found[part])
-            real[:count, layout.POINT_P : layout.POINT_P + 3] = seen.positions[part]
-            real[:count, layout.POINT_NG : layout.POINT_NG + 3] = seen.face_normals[part]
-            for column in (layout.POINT_NS, layout.POINT_WO):
-                real[:count, column : column + 3] = seen.normals[part]
-            real[:count, layout.POINT_U : layout.POINT_V + 1] = seen.barycentrics[part]
-            integer[:count, layout.POINT_TRIANGLE] = seen.triangles[part]
-            integer[:count, layout.POINT_PROGRAM] = seen.programs[part]
-            evaluate_shaders(
-                shaders, geometry, self._tables, points, closures, lanes, count, memory, MODE_EMISSION
-            )
-            found[part] = closures.emission[:count, :3]
+        for part, count in batches.run(shaders, geometry, self._tables, MODE_EMISSION, real, integer):
+            found[part] = batches.closures.emission[:count, :3]
         return found
 
 

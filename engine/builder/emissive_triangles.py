@@ -97,6 +97,95 @@ def _widen(bound: np.ndarray, shapes: Sequence[np.ndarray], normal: np.ndarray) 
     bound[:, lt.BOUNDS_NORMALS] = np.where(angle > 1e-3, np.minimum(1.05 * angle + 0.02, np.pi), 0.0)
 
 
+@dataclass(frozen=True)
+class _Found:
+    """Emissive triangles of an instance that have an area, T of them.
+
+    triangles : int64 (T,), in the mesh, whose first is `first`
+    programs, flags : int32 (T,), the latter SAMPLING_*
+    corners : float64 (T, 3, 3), in the world
+    normals, areas : float64 (T, 3), unit, and (T,)
+    """
+
+    instance: int
+    first: int
+    triangles: np.ndarray
+    programs: np.ndarray
+    flags: np.ndarray
+    corners: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+
+
+def _find_in(geometry: GeometryArrays, sides: Int32Array, instance: int) -> _Found | None:
+    """Triangles of an instance that are sampled as lights."""
+    table = geometry.instance_table[instance]
+    mesh = geometry.mesh_table[table[INSTANCE_MESH]]
+    first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
+    slots = geometry.material_slots[first : first + count]
+    program = geometry.instance_materials[int(table[INSTANCE_MATERIAL_OFFSET]) + slots]
+    found = np.flatnonzero(np.where(program >= 0, sides[np.maximum(program, 0)] != 0, False))
+    if len(found) == 0:
+        return None
+    corners = world_corners(geometry, instance, first + found)
+    edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(edge1, edge2)
+    doubled = np.linalg.norm(normal, axis=1)
+    longest = np.maximum((edge1**2).sum(1), (edge2**2).sum(1))
+    good = np.isfinite(doubled) & (doubled > 1e-12 * longest) & (doubled > 1e-30)
+    if not good.any():
+        return None
+    found, program = found[good], program[found[good]]
+    normal, doubled = normal[good] / doubled[good, None], doubled[good]
+    return _Found(instance, first, found, program, sides[program], corners[good], normal, 0.5 * doubled)
+
+
+def _emitters_of(geometry: GeometryArrays, info: ProgramInfo, found: _Found) -> Int32Array:
+    """Rows of `LightArrays.emitters`."""
+    table = geometry.instance_table[found.instance]
+    row = np.zeros((len(found.triangles), la.EMITTER_WIDTH), np.int32)
+    row[:, la.EMITTER_KIND] = la.LIGHT_TRIANGLE
+    row[:, la.EMITTER_LAMP] = -1
+    row[:, la.EMITTER_INSTANCE] = found.instance
+    row[:, la.EMITTER_TRIANGLE] = found.first + found.triangles
+    row[:, la.EMITTER_PROGRAM] = np.where(info.emission_is_constant[found.programs], -1, found.programs)
+    row[:, la.EMITTER_FLAGS] = found.flags
+    row[:, la.EMITTER_FLAGS] |= la.EMITTER_MIRRORED if table[INSTANCE_FLAGS] & INSTANCE_FLAG_MIRRORED else 0
+    row[:, la.EMITTER_FLAGS] |= la.EMITTER_MOVING if is_in_motion(geometry, found.instance) else 0
+    row[:, la.EMITTER_VISIBILITY] = table[INSTANCE_VISIBILITY]
+    return row
+
+
+def _rows_of(info: ProgramInfo, found: _Found) -> Float32Array:
+    """Rows of `LightArrays.triangles`."""
+    corners = found.corners
+    shape = np.empty((len(corners), la.TRIANGLE_WIDTH), np.float32)
+    shape[:, la.TRIANGLE_V0 : la.TRIANGLE_V0 + 3] = corners[:, 0]
+    shape[:, la.TRIANGLE_EDGE1 : la.TRIANGLE_EDGE1 + 3] = corners[:, 1] - corners[:, 0]
+    shape[:, la.TRIANGLE_EDGE2 : la.TRIANGLE_EDGE2 + 3] = corners[:, 2] - corners[:, 0]
+    shape[:, la.TRIANGLE_RADIANCE :] = np.where(
+        info.emission_is_constant[found.programs, None], info.emission_estimate[found.programs], 1.0
+    )
+    return shape
+
+
+def _bounds_of(geometry: GeometryArrays, info: ProgramInfo, found: _Found) -> Float32Array:
+    """What the light tree goes by."""
+    mirrored = bool(geometry.instance_table[found.instance, INSTANCE_FLAGS] & INSTANCE_FLAG_MIRRORED)
+    outward = np.where((found.flags == SAMPLING_BACK) != mirrored, -1.0, 1.0)
+    bound = np.zeros((len(found.corners), lt.BOUNDS_WIDTH), np.float32)
+    bound[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = found.corners.min(axis=1)
+    bound[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = found.corners.max(axis=1)
+    bound[:, lt.BOUNDS_ENERGY] = found.areas * np.abs(info.emission_estimate[found.programs]).mean(axis=1)
+    bound[:, lt.BOUNDS_AXIS : lt.BOUNDS_AXIS + 3] = found.normals * outward[:, None]
+    bound[:, lt.BOUNDS_EMISSION] = 0.5 * np.pi
+    bound[:, lt.BOUNDS_TWO_SIDED] = found.flags == SAMPLING_FRONT_BACK
+    bound[:, lt.BOUNDS_SPREAD] = found.areas / np.pi
+    if is_in_motion(geometry, found.instance):
+        _widen(bound, corners_in_motion(geometry, found.instance, found.first + found.triangles), found.normals)
+    return bound
+
+
 def find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> EmissiveTriangles:
     """Triangles of all instances whose material is sampled as a light; those without an area are left out."""
     sides = resolve_sampling(info)
@@ -105,69 +194,19 @@ def find_triangles(geometry: GeometryArrays, info: ProgramInfo) -> EmissiveTrian
     lookup_count = 0
     triangle_count = 0
     for instance in _emissive_instances(geometry, sides):
-        table = geometry.instance_table[instance]
-        mesh = geometry.mesh_table[table[INSTANCE_MESH]]
-        first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
-        slots = geometry.material_slots[first : first + count]
-        program = geometry.instance_materials[int(table[INSTANCE_MATERIAL_OFFSET]) + slots]
-        found = np.flatnonzero(np.where(program >= 0, sides[np.maximum(program, 0)] != 0, False))
-        if len(found) == 0:
+        found = _find_in(geometry, sides, instance)
+        if found is None:
             continue
-        corners = world_corners(geometry, instance, first + found)
-        edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        normal = np.cross(edge1, edge2)
-        doubled = np.linalg.norm(normal, axis=1)
-        longest = np.maximum((edge1**2).sum(1), (edge2**2).sum(1))
-        good = np.isfinite(doubled) & (doubled > 1e-12 * longest) & (doubled > 1e-30)
-        if not good.any():
-            continue
-        found, corners, edge1, edge2 = found[good], corners[good], edge1[good], edge2[good]
-        normal, doubled = normal[good] / doubled[good, None], doubled[good]
-        program = program[found]
-
-        flags = sides[program]
-        mirrored = bool(table[INSTANCE_FLAGS] & INSTANCE_FLAG_MIRRORED)
-        row = np.zeros((len(found), la.EMITTER_WIDTH), np.int32)
-        row[:, la.EMITTER_KIND] = la.LIGHT_TRIANGLE
-        row[:, la.EMITTER_LAMP] = -1
-        row[:, la.EMITTER_INSTANCE] = instance
-        row[:, la.EMITTER_TRIANGLE] = first + found
-        row[:, la.EMITTER_PROGRAM] = np.where(info.emission_is_constant[program], -1, program)
-        in_motion = is_in_motion(geometry, instance)
-        row[:, la.EMITTER_FLAGS] = flags | (la.EMITTER_MIRRORED if mirrored else 0)
-        row[:, la.EMITTER_FLAGS] |= la.EMITTER_MOVING if in_motion else 0
-        row[:, la.EMITTER_VISIBILITY] = table[INSTANCE_VISIBILITY]
-        emitters.append(row)
-
-        shape = np.empty((len(found), la.TRIANGLE_WIDTH), np.float32)
-        shape[:, la.TRIANGLE_V0 : la.TRIANGLE_V0 + 3] = corners[:, 0]
-        shape[:, la.TRIANGLE_EDGE1 : la.TRIANGLE_EDGE1 + 3] = edge1
-        shape[:, la.TRIANGLE_EDGE2 : la.TRIANGLE_EDGE2 + 3] = edge2
-        shape[:, la.TRIANGLE_RADIANCE :] = np.where(
-            info.emission_is_constant[program, None], info.emission_estimate[program], 1.0
-        )
-        rows.append(shape)
-
-        area = 0.5 * doubled
-        outward = np.where((flags == SAMPLING_BACK) != mirrored, -1.0, 1.0)
-        bound = np.zeros((len(found), lt.BOUNDS_WIDTH), np.float32)
-        bound[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = corners.min(axis=1)
-        bound[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = corners.max(axis=1)
-        bound[:, lt.BOUNDS_ENERGY] = area * np.abs(info.emission_estimate[program]).mean(axis=1)
-        bound[:, lt.BOUNDS_AXIS : lt.BOUNDS_AXIS + 3] = normal * outward[:, None]
-        bound[:, lt.BOUNDS_EMISSION] = 0.5 * np.pi
-        bound[:, lt.BOUNDS_TWO_SIDED] = flags == SAMPLING_FRONT_BACK
-        bound[:, lt.BOUNDS_SPREAD] = area / np.pi
-        if in_motion:
-            _widen(bound, corners_in_motion(geometry, instance, first + found), normal)
-        bounds.append(bound)
-
-        lookup_offset[instance] = (lookup_count, first)
+        emitters.append(_emitters_of(geometry, info, found))
+        rows.append(_rows_of(info, found))
+        bounds.append(_bounds_of(geometry, info, found))
+        count = int(geometry.mesh_table[geometry.instance_table[instance, INSTANCE_MESH], MESH_TRIANGLE_COUNT])
+        lookup_offset[instance] = (lookup_count, found.first)
         table_row = np.full(count, -1, np.int32)
-        table_row[found] = triangle_count + np.arange(len(found))
+        table_row[found.triangles] = triangle_count + np.arange(len(found.triangles))
         lookup.append(table_row)
         lookup_count += count
-        triangle_count += len(found)
+        triangle_count += len(found.triangles)
 
     def joined(parts: list[np.ndarray], width: int, dtype: type) -> np.ndarray:
         return np.concatenate(parts) if parts else np.zeros((0, width), dtype)

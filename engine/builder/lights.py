@@ -7,19 +7,62 @@ import math
 
 import numpy as np
 
+from engine.array_types import Float32Array, Int32Array
 from engine.builder import light_tree as lt
 from engine.builder.emission import ProgramInfo
 from engine.builder.emissive_triangles import find_sources, find_triangles
 from engine.builder.environment import EnvironmentMap, empty_map
-from engine.builder.lamps import convert_lamps
+from engine.builder.lamps import Lamps, convert_lamps
 from engine.builder.light_clusters import choose_cut, divide_map
-from engine.scene.description import Notice, SceneDescription
+from engine.scene.description import Notice, SceneDescription, World
 from engine.state import lights as la
 from engine.state.geometry import GeometryArrays
 from engine.state.lights import LightArrays, no_selection
 
 #: `World.max_bounces` from which on light sampling has no limit of its own.
 _UNLIMITED_BOUNCES = 1024
+
+
+def _header(
+    world: World | None, info: ProgramInfo, lamps: Lamps, emitter_count: int, cut_size: int, cluster_count: int
+) -> Int32Array:
+    """What `LightArrays.header` has of emitters, of the background as it is met, and of the cut."""
+    order = lamps.order
+    local_count, distant_count = int((~lamps.is_distant).sum()), int(lamps.is_distant.sum())
+    header = np.zeros(la.HEADER_WIDTH, np.int32)
+    header[la.HEADER_EMITTERS] = emitter_count
+    header[la.HEADER_HITTABLE] = int((order == 0).sum())
+    header[la.HEADER_FIRST_DISTANT] = local_count
+    header[la.HEADER_LAST_DISTANT] = local_count + int((order == 2).sum())
+    header[la.HEADER_BACKGROUND_PROGRAM] = info.world_program
+    header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
+    header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
+    header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
+    header[la.HEADER_CUT] = cut_size
+    header[la.HEADER_FIRST_PATCH] = cut_size + distant_count
+    header[la.HEADER_CLUSTERS] = cluster_count
+    return header
+
+
+def _sources(geometry: GeometryArrays, info: ProgramInfo, lamps: Lamps) -> Float32Array | None:
+    """Spheres around all that paths may find light in; None: it may be anywhere, or in too many places."""
+    program = info.world_program
+    world_is_black = program < 0 or (
+        bool(info.emission_is_constant[program]) and not np.any(info.emission_estimate[program])
+    )
+    # Lamps that rays may cross or reach.
+    if not world_is_black or np.any((lamps.order == 0) | (lamps.order == 2)):
+        return None
+    return find_sources(geometry, info)
+
+
+def _write_lamps(lamps: Lamps, emitters: Int32Array) -> None:
+    """Write rows of `LightArrays.emitters`, but for where they are in the light tree."""
+    emitters[:, la.EMITTER_KIND] = lamps.table[:, la.LAMP_KIND]
+    emitters[:, la.EMITTER_LAMP] = np.arange(len(emitters))
+    emitters[:, [la.EMITTER_INSTANCE, la.EMITTER_TRIANGLE]] = -1
+    emitters[:, la.EMITTER_PROGRAM] = lamps.table[:, la.LAMP_PROGRAM]
+    emitters[:, la.EMITTER_VISIBILITY] = lamps.table[:, la.LAMP_VISIBILITY]
 
 
 def build_lights(
@@ -58,11 +101,7 @@ def build_lights(
     emitters[:triangle_count] = triangles.emitters
     lamps.table[:, la.LAMP_EMITTER] = triangle_count + np.arange(lamp_count)
     of_lamps = emitters[triangle_count : triangle_count + lamp_count]
-    of_lamps[:, la.EMITTER_KIND] = lamps.table[:, la.LAMP_KIND]
-    of_lamps[:, la.EMITTER_LAMP] = np.arange(lamp_count)
-    of_lamps[:, [la.EMITTER_INSTANCE, la.EMITTER_TRIANGLE]] = -1
-    of_lamps[:, la.EMITTER_PROGRAM] = lamps.table[:, la.LAMP_PROGRAM]
-    of_lamps[:, la.EMITTER_VISIBILITY] = lamps.table[:, la.LAMP_VISIBILITY]
+    _write_lamps(lamps, of_lamps)
 
     # Those that are infinitely far away come last.
     bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
@@ -88,53 +127,20 @@ def build_lights(
     cut, node_cluster = choose_cut(nodes, child)
     bands, sectors, patches, patch_share = divide_map(environment)
 
-    order = lamps.order
-    header = np.zeros(la.HEADER_WIDTH, np.int32)
-    header[la.HEADER_EMITTERS] = len(emitters)
-    header[la.HEADER_HITTABLE] = int((order == 0).sum())
-    header[la.HEADER_FIRST_DISTANT] = local_count
-    header[la.HEADER_LAST_DISTANT] = local_count + int((order == 2).sum())
-    header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
-    header[la.HEADER_BACKGROUND_PROGRAM] = program_info.world_program
-    header[la.HEADER_BACKGROUND_VISIBILITY] = world.visibility if world else 0
-    header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
-    header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
-    header[la.HEADER_CUT] = len(cut)
-    header[la.HEADER_FIRST_PATCH] = len(cut) + distant_count
-    header[la.HEADER_CLUSTERS] = len(cut) + distant_count + len(patches)
-    header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
-    sources = None
-    world_program = program_info.world_program
-    world_is_black = world_program < 0 or (
-        bool(program_info.emission_is_constant[world_program])
-        and not np.any(program_info.emission_estimate[world_program])
+    header = _header(
+        world, program_info, lamps, len(emitters), len(cut), len(cut) + distant_count + len(patches)
     )
-    # Lamps that rays may cross or reach.
-    if world_is_black and not np.any((order == 0) | (order == 2)):
-        sources = find_sources(geometry, program_info)
+    header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
+    header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
+    sources = _sources(geometry, program_info, lamps)
     header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
     return LightArrays(
-        header=header,
-        nodes=nodes,
-        child=child,
-        parent=parent,
-        distant=distant,
-        emitters=emitters,
-        triangles=triangles.rows,
-        sources=sources if sources is not None else np.zeros((0, 4), np.float32),
-        lamps=lamps.values,
-        lamp_table=lamps.table,
-        lookup_offset=triangles.lookup_offset,
-        lookup=triangles.lookup,
-        map_marginal=environment.marginal,
-        map_conditional=environment.conditional,
-        map_guide=environment.guide,
-        compensated_marginal=compensated.marginal,
-        compensated_conditional=compensated.conditional,
-        compensated_guide=compensated.guide,
-        map_patches=patches,
-        node_cluster=node_cluster,
-        cluster_node=cut,
+        header=header, nodes=nodes, child=child, parent=parent, distant=distant, emitters=emitters,
+        triangles=triangles.rows, sources=np.zeros((0, 4), np.float32) if sources is None else sources,
+        lamps=lamps.values, lamp_table=lamps.table, lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
+        map_marginal=environment.marginal, map_conditional=environment.conditional, map_guide=environment.guide,
+        compensated_marginal=compensated.marginal, compensated_conditional=compensated.conditional,
+        compensated_guide=compensated.guide, map_patches=patches, node_cluster=node_cluster, cluster_node=cut,
         cluster_share=np.concatenate([np.ones(len(cut) + distant_count, np.float32), patch_share]),
         selection=no_selection(),
-    )
+    )  # fmt: skip

@@ -4,26 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from engine.array_types import Float32Array
+from engine.builder.medium_lookup import Filled, MediumLookup, Ray, has_splines, rays_of
 from engine.kernels.bsdf import BsdfTables
 from engine.kernels.shader import ops_input
-from engine.kernels.shader.light_path import LIGHT_PATH_LENGTH
 from engine.kernels.shader.opcodes import CLOSURE_FIRST
 from engine.runtime.jit import kernel
 from engine.scene.description import Mesh
 from engine.scene.grids import TILE, Grid, unpack_values
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state import geometry as geometry_layout
-from engine.state import lanes as lane_layout
 from engine.state.geometry import GeometryArrays
-from engine.state.lanes import CLOSURE_WEIGHT, LANE_COUNT, allocate_closures, allocate_points
 from engine.state.media import WORLD
-from engine.state.shaders import MODE_MEDIUM, ShaderArrays, allocate_memory
+from engine.state.shaders import ShaderArrays
 from engine.state.tracking import (
     GRID_WIDTH,
     SPACE_WIDTH,
@@ -33,7 +29,6 @@ from engine.state.tracking import (
     MajorantGrids,
     no_majorants,
 )
-from engine.wavefront.evaluate_shaders import evaluate_shaders
 
 #: Cells along the longest edge of what a medium fills.
 _RESOLUTION = 32
@@ -67,58 +62,6 @@ _LOCAL = frozenset({
     ops_input.OP_MIX_WEIGHTS, ops_input.OP_DOT, ops_input.OP_SATURATE, ops_input.OP_COLOR_TO_FLOAT,
     ops_input.OP_VECTOR_TO_FLOAT, ops_input.OP_FLOAT_TO_VECTOR,
 })  # fmt: skip
-#: Kinds of rays that a program may tell apart.
-_RAY_KINDS = (
-    lane_layout.RAY_CAMERA, lane_layout.RAY_DIFFUSE | lane_layout.RAY_REFLECT,
-    lane_layout.RAY_GLOSSY | lane_layout.RAY_REFLECT, lane_layout.RAY_TRANSMIT, lane_layout.RAY_VOLUME,
-    lane_layout.RAY_SHADOW,
-)  # fmt: skip
-#: Depths that a program may be told: what it makes of those in between is no larger, if it grows or falls steadily.
-_RAY_DEPTHS = (0, 1, 2, 4, 12)
-_POINT_DEPTHS = [
-    lane_layout.POINT_PATH_DEPTH, lane_layout.POINT_DIFFUSE_DEPTH, lane_layout.POINT_GLOSSY_DEPTH,
-    lane_layout.POINT_TRANSMISSION_DEPTH, lane_layout.POINT_TRANSPARENT_DEPTH,
-]  # fmt: skip
-
-
-class _Ray(NamedTuple):
-    """What a program may know of a ray: its kind (RAY_*), and all its depths."""
-
-    flags: int
-    depth: int
-
-
-def _rays_of(program: CompiledProgram) -> list[_Ray]:
-    """Rays that a medium's program may tell apart."""
-    read = {
-        instruction.immediates[0] for instruction in program.medium_instructions
-        if instruction.opcode == ops_input.OP_LIGHT_PATH
-    }  # fmt: skip
-    kinds = _RAY_KINDS if any(output < LIGHT_PATH_LENGTH for output in read) else _RAY_KINDS[:1]
-    depths = _RAY_DEPTHS if any(output > LIGHT_PATH_LENGTH for output in read) else _RAY_DEPTHS[:1]
-    return [_Ray(flags, depth) for flags in kinds for depth in depths]
-
-
-@dataclass(frozen=True)
-class Filled:
-    """What a medium that varies fills: an instance, or the world.
-
-    lower, upper : float64 (3,), corners in the space of the object
-    to_world : float64 (S, 3, 4), at times from the shutter's opening to its closing; one where it stands still
-    grids : voxels that a program may read
-    displacement : float64 (2, 3), the least and the most that what is in them moves while the shutter is open, along
-        each axis of the object
-    """
-
-    instance: int
-    medium: int
-    program: int
-    lower: np.ndarray
-    upper: np.ndarray
-    to_world: np.ndarray
-    grids: tuple[Grid, ...] = ()
-    displacement: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
-
 
 class KeptBounds:
     """Bounds by cell, by what they were looked up of.
@@ -129,76 +72,6 @@ class KeptBounds:
     def __init__(self) -> None:
         self.state: Hashable = None
         self.bounds: dict[Hashable, Float32Array] = {}
-
-
-class _Lookup:
-    """Looks programs up at points."""
-
-    def __init__(self, shaders: ShaderArrays, geometry: GeometryArrays, tables: BsdfTables) -> None:
-        self._read = (shaders, geometry, tables)
-        self._plain: ShaderArrays | None = None
-        self._points, self._closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
-        self._lanes = np.arange(LANE_COUNT, dtype=np.int32)
-        self._memory = allocate_memory(shaders)
-
-    def __call__(
-        self, filled: Filled, points: np.ndarray, times: np.ndarray, ray: _Ray, *, by_lines: bool = False
-    ) -> tuple[Float32Array, Float32Array]:
-        """Largest channels of extinction and emission at points of the world, float32 (N,).
-
-        `by_lines`: voxels count as they are at their centres, where cubic splines would smooth them.
-        """
-        if by_lines and self._plain is None:
-            self._plain = _without_splines(self._read[0])
-        read = (self._plain if by_lines else self._read[0], *self._read[1:])
-        real, integer = self._points.real, self._points.integer
-        real[:] = 0.0
-        real[:, [lane_layout.POINT_WO + 2, lane_layout.POINT_NG + 2, lane_layout.POINT_NS + 2]] = 1.0
-        integer[:] = 0
-        integer[:, lane_layout.POINT_INSTANCE] = filled.instance
-        integer[:, [lane_layout.POINT_TRIANGLE, lane_layout.POINT_LIGHT]] = -1
-        integer[:, lane_layout.POINT_PROGRAM] = filled.program
-        integer[:, lane_layout.POINT_RAY_FLAGS] = ray.flags
-        integer[:, _POINT_DEPTHS] = ray.depth
-        extinction, emission = np.empty(len(points), np.float32), np.empty(len(points), np.float32)
-        for start in range(0, len(points), LANE_COUNT):
-            end = min(start + LANE_COUNT, len(points))
-            count = end - start
-            real[:count, lane_layout.POINT_P : lane_layout.POINT_P + 3] = points[start:end]
-            real[:count, lane_layout.POINT_TIME] = times[start:end]
-            evaluate_shaders(*read, self._points, self._closures, self._lanes, count, self._memory, MODE_MEDIUM)
-            closures = self._closures
-            weights = closures.param[:count, :, CLOSURE_WEIGHT : CLOSURE_WEIGHT + 3]
-            in_use = np.arange(weights.shape[1])[None, :, None] < closures.count[:count, None, None]
-            total = closures.transparency[:count, :3] + np.where(in_use, weights, 0.0).sum(axis=1)
-            extinction[start:end] = total.max(axis=1)
-            emission[start:end] = closures.emission[:count, :3].max(axis=1)
-        if filled.instance != WORLD:
-            density = self._read[1].instance_values[filled.instance, geometry_layout.VALUE_DENSITY]
-            extinction, emission = extinction * density, emission * density
-        for values in (extinction, emission):
-            np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-        return extinction, emission
-
-
-def _without_splines(shaders: ShaderArrays) -> ShaderArrays:
-    """The same programs, but with voxels that are interpolated by straight lines."""
-    code = shaders.code.copy()
-    for start, end in shaders.programs[:, 2 * MODE_MEDIUM : 2 * MODE_MEDIUM + 2]:
-        pc = int(start)
-        while pc < end:
-            if code[pc] == ops_input.OP_GRID:
-                code[pc + 7] = 0
-            pc += int(code[pc + 1])
-    return shaders._replace(code=code)
-
-
-def _has_splines(program: CompiledProgram) -> bool:
-    """Whether a medium interpolates voxels by cubic splines."""
-    return any(
-        instruction.opcode == ops_input.OP_GRID and instruction.immediates[1] != 0
-        for instruction in program.medium_instructions
-    )
 
 
 def _resolution(filled: Filled) -> np.ndarray:
@@ -291,8 +164,8 @@ def _raise_cells(low, high, values, cells):
 
 
 def _meet_voxels(
-    filled: Filled, lookup: _Lookup, rays: Sequence[_Ray], cells: np.ndarray, largest: np.ndarray, bright: np.ndarray,
-    reach: float,
+    filled: Filled, lookup: MediumLookup, rays: Sequence[Ray], cells: np.ndarray, largest: np.ndarray,
+    bright: np.ndarray, reach: float,
 ) -> None:
     """Raise what was found by cell to what is at voxels: between them there is nothing larger.
 
@@ -319,7 +192,7 @@ def _meet_voxels(
 
 
 def _at_times(
-    filled: Filled, lookup: _Lookup, local: np.ndarray, ray: _Ray, random: np.random.Generator
+    filled: Filled, lookup: MediumLookup, local: np.ndarray, ray: Ray, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Extinction and emission at points in the space of the object, (..., 3), each at some time of the shutter."""
     step = random.integers(len(filled.to_world), size=local.shape[:-1])
@@ -389,7 +262,7 @@ def _bulge(corners: np.ndarray) -> np.ndarray:
     return total
 
 
-def _bound(filled: Filled, lookup: _Lookup, rays: Sequence[_Ray], *, has_splines: bool) -> Float32Array:
+def _bound(filled: Filled, lookup: MediumLookup, rays: Sequence[Ray], *, has_splines: bool) -> Float32Array:
     """Bounds by cell, float32 (Z, Y, X)."""
     cells = _resolution(filled)
     random = np.random.default_rng(filled.instance + 2)
@@ -528,7 +401,7 @@ def build_majorants(
     if not everything:
         kept.bounds.clear()
         return no_majorants(instance_count)
-    lookup = _Lookup(shaders, geometry, tables)
+    lookup = MediumLookup(shaders, geometry, tables)
     known: dict[Hashable, tuple[int, np.ndarray]] = {}
     bounds: dict[Hashable, Float32Array] = {}
     values: list[Float32Array] = []
@@ -540,7 +413,7 @@ def build_majorants(
         if key not in known:
             bound = kept.bounds.get(key)
             if bound is None:
-                bound = _bound(filled, lookup, _rays_of(program), has_splines=_has_splines(program))
+                bound = _bound(filled, lookup, rays_of(program), has_splines=has_splines(program))
             bounds[key] = bound
             known[key] = size, np.array(bound.shape[::-1])
             values.append(bound.ravel())

@@ -11,6 +11,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array
 from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
+from engine.builder.point_batches import PointBatches
 from engine.kernels.bsdf import BsdfTables
 from engine.scene.description import Link, Material, Node, NodeGraph, Notice, SceneDescription
 from engine.shaders.aov_columns import aov_columns
@@ -31,8 +32,6 @@ from engine.state.lanes import (
     POINT_TRIANGLE,
     POINT_WO,
     RAY_EMISSION,
-    allocate_closures,
-    allocate_points,
 )
 from engine.state.shaders import (
     MODE_EMISSION,
@@ -41,9 +40,7 @@ from engine.state.shaders import (
     PROGRAM_HAS_EMISSION,
     VALUE_EMISSION,
     ShaderArrays,
-    allocate_memory,
 )
-from engine.wavefront.evaluate_shaders import evaluate_shaders
 
 #: Width of the map a procedural world is sampled by, and the largest that an image gets.
 _DEFAULT_MAP_WIDTH = 1024
@@ -123,23 +120,15 @@ class Programs:
         self, directions: np.ndarray, geometry: GeometryArrays, tables: BsdfTables, radiance: Float32Array
     ) -> None:
         """Write the world's radiance in directions, (N, 3), to `radiance`, float32 (N, 3)."""
-        points, closures = allocate_points(LANE_COUNT), allocate_closures(LANE_COUNT)
-        lanes = np.arange(LANE_COUNT, dtype=np.int32)
-        memory = allocate_memory(self.arrays)
-        points.real[:, POINT_RAY_LENGTH] = 1e30
-        points.integer[:, [POINT_INSTANCE, POINT_TRIANGLE, POINT_LIGHT]] = -1
-        points.integer[:, POINT_PROGRAM] = self.world_program
-        points.integer[:, POINT_RAY_FLAGS] = RAY_EMISSION
-        for start in range(0, len(directions), LANE_COUNT):
-            part = directions[start : start + LANE_COUNT]
-            count = len(part)
-            points.real[:count, POINT_P : POINT_P + 3] = part
-            for column in (POINT_WO, POINT_NG, POINT_NS):
-                points.real[:count, column : column + 3] = -part
-            evaluate_shaders(
-                self.arrays, geometry, tables, points, closures, lanes, count, memory, MODE_EMISSION
-            )
-            radiance[start : start + count] = closures.emission[:count, :3]
+        batches = PointBatches(self.arrays)
+        real, integer = batches.points.real, batches.points.integer
+        real[:, POINT_RAY_LENGTH] = 1e30
+        integer[:, [POINT_INSTANCE, POINT_TRIANGLE, POINT_LIGHT]] = -1
+        integer[:, POINT_PROGRAM] = self.world_program
+        integer[:, POINT_RAY_FLAGS] = RAY_EMISSION
+        places = {POINT_P: directions, **dict.fromkeys((POINT_WO, POINT_NG, POINT_NS), -directions)}
+        for part, count in batches.run(self.arrays, geometry, tables, MODE_EMISSION, places):
+            radiance[part] = batches.closures.emission[:count, :3]
 
     def _map_width(self) -> int:
         """As wide as the widest image the world shows; small ones are interpolated and turned, and need more."""

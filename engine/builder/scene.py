@@ -30,7 +30,7 @@ from engine.builder.same_place import SamePlace, find_same_place
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.content import Kept, Versions
-from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Notice, SceneDescription
+from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Mesh, Notice, SceneDescription
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_light_groups, check_memory
 from engine.settings import RenderSettings
@@ -107,6 +107,12 @@ class SceneCache:
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
 
+    def give_up(self, meshes: Sequence[Mesh]) -> None:
+        """Free the arrays of the newest description's meshes (`GeometryCache.give_up`), and what was made of them."""
+        self.placed_meshes.forget()
+        self.displacements.forget()
+        self.geometry.give_up(meshes)
+
 
 def _have_some(geometry: GeometryArrays, slot_counts: np.ndarray, programs: np.ndarray) -> np.ndarray:
     """Which instances have some of these programs, bool (M,) by program, among their materials: bool (I,)."""
@@ -155,6 +161,12 @@ def _find_same_place(cache: SceneCache, description: SceneDescription, geometry:
         (cache.geometry.geometry.version, names, lamps, is_glass.tobytes(), is_clear.tobytes()),
         lambda: find_same_place(geometry, description.lights, names, is_glass, is_clear),
     )
+
+
+def _mark(cache: SceneCache, same_place: SamePlace, geometry: GeometryArrays) -> GeometryArrays:
+    """The geometry with the instances marked on which rays start and end in place."""
+    key = cache.geometry.geometry.version, cache.same_place.version
+    return cache.marked_geometry.get(key, lambda: same_place.mark(geometry))
 
 
 def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
@@ -207,7 +219,7 @@ def _build_environment(
 
 def _build_lights(
     cache: SceneCache, description: SceneDescription, geometry: GeometryArrays, info: ProgramInfo,
-    environment: EnvironmentMap | None, in_place: np.ndarray,
+    environment: EnvironmentMap | None, in_place: np.ndarray, media: SceneMedia,
 ) -> tuple[LightArrays, list[Notice]]:
     """Lights and what was found on the way: those at hand where nothing that emits, or has shape, is another."""
 
@@ -221,7 +233,12 @@ def _build_lights(
     of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
     emitting = content_digest((description.lights, of_world, info))
     key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes()
-    return cache.lights.get(key, build)
+    lights, notices = cache.lights.get(key, build)
+    if media.emits:
+        # Paths find light where nothing else is.
+        lights = lights._replace(header=lights.header.copy())
+        lights.header[HEADER_SOURCES] = -1
+    return lights, notices
 
 
 def _attribute_names(description: SceneDescription, programs: Programs) -> tuple[str, ...]:
@@ -336,23 +353,18 @@ def build_scene(
     tables = load_tables()
     displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
     apart = _draw_apart(cache, displaced)
-    geometry = build_geometry(
+    unmarked = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
-    same_place = _find_same_place(cache, description, geometry)
+    same_place = _find_same_place(cache, description, unmarked)
     notices += same_place.notices
-    unmarked = geometry
-    geometry = cache.marked_geometry.get(
-        (cache.geometry.geometry.version, cache.same_place.version), lambda: same_place.mark(unmarked)
-    )
+    geometry = _mark(cache, same_place, unmarked)
     check_cancel()
     shaders = programs.arrays
     media = _build_media(cache, apart, programs, geometry, tables)
     if not keeps_meshes:
         # Media that vary have asked for the boxes of theirs.
-        cache.placed_meshes.forget()
-        cache.displacements.forget()
-        cache.geometry.give_up([*description.meshes, *displaced.meshes, *apart.meshes])
+        cache.give_up([*description.meshes, *displaced.meshes, *apart.meshes])
     del apart, displaced
     masks = _shadow_masks(geometry, cache.geometry.slot_counts, shaders, description, media)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
@@ -361,14 +373,9 @@ def build_scene(
         accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
         environment = begun.result()
     check_cancel()
-    lights, light_notices = _build_lights(
-        cache, description, geometry, programs.program_info(), environment, same_place.lights
-    )
-    notices += light_notices
-    if media.emits:
-        # Paths find light where nothing else is.
-        lights = lights._replace(header=lights.header.copy())
-        lights.header[HEADER_SOURCES] = -1
+    info = programs.program_info()
+    lights, found = _build_lights(cache, description, geometry, info, environment, same_place.lights, media)
+    notices += found
     return Scene(
         description=description,
         camera=_build_camera(cache, description, settings),

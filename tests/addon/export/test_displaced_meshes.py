@@ -134,6 +134,28 @@ def test_uvs_go_along_linearly_and_creases_stay_sharp() -> None:
         assert (corner < 0.9) == is_round
 
 
+def test_a_loop_in_a_group_in_a_displacement_is_cut_open() -> None:
+    item = displaced(SQUARE, [(0, 1, 2, 3)])
+    group = bpy.data.node_groups.new("Loop", "ShaderNodeTree")
+    if hasattr(group, "interface"):
+        group.interface.new_socket("Height", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    else:
+        group.outputs.new("NodeSocketFloat", "Height")
+    first, second = (group.nodes.new("ShaderNodeMath") for _ in range(2))
+    group.links.new(first.outputs[0], second.inputs[0])
+    group.links.new(second.outputs[0], first.inputs[0])
+    group.links.new(second.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    tree = item.data.materials[0].node_tree
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    displacement = next(node for node in tree.nodes if node.type == "DISPLACEMENT")
+    tree.links.new(node.outputs[0], displacement.inputs["Height"])
+    description = render_and_export(bpy.context.scene)
+    assert any("loop" in notice.problem for notice in description.notices)
+    (material,) = description.materials
+    assert material.graph is not None and material.graph.displacement is not None
+
+
 @pytest.mark.skipif(is_since(NORMALS_STOP_AT_FLAT_FACES), reason="Cycles tears meshes at sharp edges up to Blender 5.1")
 def test_sharp_edges_part_corners() -> None:
     item = displaced([(-1, 0, 0), (0, 0, 1), (0, 1, 1), (-1, 1, 0), (1, 0, 0), (1, 1, 0)],

@@ -91,7 +91,7 @@ def test_attributes_are_where_they_were() -> None:
 
 
 def test_the_number_is_known_beforehand() -> None:
-    for how in (by_length(0.3), by_length(0.1)):
+    for how in (by_length(0.3), by_length(0.1), by_view(0.03), by_view(0.008)):
         count = len(dicing.diced(plane(), how).triangles)
         assert 0.7 * count < dicing.estimated_count(plane(), how) < 2.0 * count
     assert len(dicing.diced(plane(), by_length(1e-6, level=3)).triangles) == 4**4
@@ -103,6 +103,31 @@ def test_too_many_are_refused_with_their_number() -> None:
     fine.dicing = by_length(1e-6, level=20)
     with pytest.raises(ValueError, match=r"mesh plane, diced .* would be about 4,\d{3},\d{3},\d{3},\d{3} triangles"):
         dicing.dice(fine, fine.dicing)
+
+
+def test_triangles_that_reach_the_camera_are_not_refused() -> None:
+    """Their number goes by all of them, not by where they are finest."""
+    wide = plane()
+    wide.vertices *= np.float32(1000.0)
+    how = by_view(0.02, level=11)
+    count = len(dicing.diced(wide, how).triangles)
+    assert 0.5 * count < dicing.estimated_count(wide, how) < 3.0 * count
+
+
+def test_objects_that_share_an_edge_share_its_vertices() -> None:
+    """Each has its own space; what counts is where the edge is."""
+    left, right = plane(), plane()
+    right.vertices[:, 0] += np.float32(3.0)
+    seen = by_view(0.06)
+    moved = by_view(0.06)
+    # The right one stands 5 to the right of where its mesh is: 8 from the left one.
+    moved.to_space[:, 3] += (5.0, 0.0, 0.0)
+    ends = []
+    for mesh, how, edge in ((left, seen, 4.0), (right, moved, -1.0)):
+        made = dicing.diced(mesh, how).vertices
+        ends.append(np.sort(made[np.isclose(made[:, 0], edge)][:, 1]))
+    assert len(ends[0]) > 20
+    assert np.array_equal(ends[0], ends[1])
 
 
 def test_motion_is_divided_alike() -> None:
