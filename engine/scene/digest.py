@@ -89,7 +89,7 @@ def _is_of_one_dataclass(items: Sequence[Any]) -> bool:
 def light_digest(description: SceneDescription) -> str:
     """A digest of all that light depends on: shapes, materials, lights and the world, but not the pixels of images."""
     shapes = [
-        (mesh.vertices, mesh.triangles, mesh.material_slots, mesh.motion_vertices, mesh.rounds)
+        (mesh.vertices, mesh.triangles, mesh.material_slots, mesh.motion_vertices, *filter(None, [mesh.rounds]))
         for mesh in description.meshes
     ]
     instances = description.instances

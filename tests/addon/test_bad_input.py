@@ -435,3 +435,51 @@ def test_what_few_pictures_depend_on_is_named_and_replaced(
     pixels, said = render()
     assert f"{said_of_it} is NaN or infinite" in said
     np.testing.assert_array_equal(pixels, before)
+
+
+# Strands and points
+
+
+@pytest.mark.parametrize("shape", ["RIBBONS", "THICK", "THICK_LINEAR"])
+def test_strands_that_are_broken_leave_the_others(cube_scene: Any, render: Render, shape: str) -> None:
+    """No keys, one key, no length, no radius, NaN, wider than long, within the cube; the last hides the camera's view."""
+    import bpy
+
+    cube_scene.cycles_curves.shape = shape
+    data = bpy.data.hair_curves.new("Strands")
+    data.add_curves([1, 3, 3, 3, 3, 3, 2])
+    places = np.zeros((18, 3), np.float32)
+    places[:, 2] = np.arange(18) % 3 + 1.0
+    places[1:4] = 1.0
+    places[8:10] = np.nan
+    places[13:16] = (0.0, 0.0, 0.1)
+    places[16:] = [(-50.0, 0.0, 3.0), (50.0, 0.0, 3.0)]
+    radii = np.full(18, 0.1, np.float32)
+    radii[4:7], radii[7], radii[10:13], radii[16:] = 0.0, -1.0, 1e-6, 0.8
+    data.position_data.foreach_set("vector", places.ravel())
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radii)
+    strands = bpy.data.objects.new("Strands", data)
+    cube_scene.collection.objects.link(strands)
+    pixels, said = render()
+    assert "NaN" in said and "radii are negative" in said
+    strands.hide_render = True
+    without, _ = render()
+    assert not np.allclose(pixels, without, atol=0.01)
+
+
+def test_points_that_are_broken_leave_the_others(cube_scene: Any, render: Render) -> None:
+    import bpy
+
+    bpy.ops.object.pointcloud_random_add()
+    data = bpy.context.object.data
+    count = len(data.points)
+    places, radii = np.full((count, 3), np.nan, np.float32), np.full(count, 1e9, np.float32)
+    places[0], radii[0] = (0.0, 0.0, 2.0), 0.8
+    places[1:4], radii[1:4] = 0.0, (0.0, np.nan, -1.0)
+    data.attributes["position"].data.foreach_set("vector", places.ravel())
+    data.attributes["radius"].data.foreach_set("value", radii)
+    pixels, said = render()
+    assert "NaN" in said and "3 radii are negative" not in said and "2 radii are negative" in said
+    bpy.context.object.hide_render = True
+    without, _ = render()
+    assert not np.allclose(pixels, without, atol=0.01)

@@ -155,6 +155,44 @@ def test_an_edit_sends_a_scene_in_which_only_that_is_new(window: Window, edit: s
     assert {name for name in names if getattr(update.scene, name) is not getattr(before, name)} == new
 
 
+@pytest.mark.parametrize("kind", ["strands", "points", "hair"])
+def test_edited_strands_and_points_are_sent_alone_and_those_before_are_forgotten(window: Window, kind: str) -> None:
+    cube = bpy.data.objects["Cube"]
+    if kind == "strands":
+        data = bpy.data.hair_curves.new("Strands")
+        data.add_curves([3, 2])
+        owner = bpy.data.objects.new("Strands", data)
+        bpy.context.scene.collection.objects.link(owner)
+    elif kind == "points":
+        bpy.ops.object.pointcloud_random_add()
+        owner = bpy.context.object
+        data = owner.data
+    else:
+        owner, data = cube, cube.data
+        owner.modifiers.new("Fur", "PARTICLE_SYSTEM").particle_system.settings.type = "HAIR"
+        bpy.context.view_layer.update()
+    (update,) = window.draw(touched(bpy.context.scene), touched(owner, "g"), touched(data, "gts"))
+    (before,) = (mesh for mesh in update.scene.meshes if mesh.rounds is not None)
+    plain = [mesh for mesh in update.scene.meshes if mesh.rounds is None]
+    for length in (1.5, 2.5):
+        if kind == "hair":
+            owner.particle_systems[0].settings.hair_length = length
+        elif kind == "strands":
+            flat = length * np.arange(3 * len(data.points), dtype=np.float32)
+            data.position_data.foreach_set("vector", flat)
+            data.update_tag()
+        else:
+            data.attributes["radius"].data.foreach_set("value", np.full(len(data.points), length, np.float32))
+            data.update_tag()
+        bpy.context.view_layer.update()
+        (update,) = window.draw(touched(owner, "g"), touched(data, "gts"))
+        (after,) = (mesh for mesh in update.scene.meshes if mesh.rounds is not None)
+        assert after.key != before.key
+        assert [id(mesh) for mesh in update.scene.meshes if mesh.rounds is None] == [id(mesh) for mesh in plain]
+        before = after
+    assert len(update.scene.meshes) == len(plain) + 1
+
+
 def test_another_density_of_fog_is_sent(window: Window) -> None:
     material = bpy.data.objects["Cube"].data.materials[0]
     nodes, links = material.node_tree.nodes, material.node_tree.links
