@@ -21,6 +21,7 @@ from engine.kernels.bsdf.kinds import (
     REFRACTION,
     SMOOTH_N,
     SUBSURFACE,
+    THIN_GLASS,
     TRANSPARENT,
     WEIGHT_CUTOFF,
 )
@@ -162,6 +163,6 @@ def blur_glossy(closures, lane, roughness):
         if kind == CHIANG:
             for column in range(CHIANG_WIDTHS, CHIANG_WIDTHS + 3):
                 closures.param[lane, i, column] = max(closures.param[lane, i, column], roughness)
-        elif FIRST_MICROFACET <= kind <= LAST_MICROFACET:
+        elif FIRST_MICROFACET <= kind <= LAST_MICROFACET or kind == THIN_GLASS:
             closures.param[lane, i, ALPHA_X] = max(closures.param[lane, i, ALPHA_X], roughness)
             closures.param[lane, i, ALPHA_Y] = max(closures.param[lane, i, ALPHA_Y], roughness)
