@@ -207,6 +207,7 @@ _PRINCIPLED_OFF: dict[str, Value] = {
     "subsurface_scale": _ZERO,
     "subsurface_ior": Constant((1.4,)),
     "subsurface_anisotropy": _ZERO,
+    "thin_wall": _ZERO,
 }
 
 
@@ -258,10 +259,21 @@ def _principled_lobes(
     )
 
 
+def _may_be_clear_wall(builder: Any) -> bool:
+    """Whether a Principled BSDF may be a thin wall of glass so smooth that shadow rays go through."""
+    names = {"Transmission Weight": 0.0, "Thin Wall": 0.0}
+    if any(is_zero(_float(builder, name, default)) for name, default in names.items()):
+        return False
+    roughness, ior = _known(_float(builder, "Roughness", 0.5)), _known(_float(builder, "IOR", 1.5))
+    # What bends light next to nothing comes through smoothly however rough it is (`thin_alpha`).
+    return roughness is None or ior is None or roughness < 0.1 or ior < 1.01
+
+
 def principled(node: Node, weight: Value, builder: Any) -> None:
     """Principled BSDF; shadow rays see its alpha only, light samples its emission only."""
     alpha = _float(builder, "Alpha", 1.0)
-    if not (isinstance(alpha, Constant) and alpha.value[0] >= 1.0):
+    is_clear = _may_be_clear_wall(builder)
+    if not is_clear and not (isinstance(alpha, Constant) and alpha.value[0] >= 1.0):
         builder.closure(ops.OP_ALPHA, weight, (alpha,), modes=(MODE_TRANSPARENCY,))
     if isinstance(alpha, Constant) and alpha.value[0] <= 0.0:
         builder.closure(ops.OP_ALPHA, weight, (alpha,), modes=_LOBES)
@@ -317,9 +329,9 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
         "specular_tint": _color(builder, "Specular Tint", 1.0),
         "transmission": _float(builder, "Transmission Weight", 0.0),
     }
-    if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and not is_zero(
-        _float(builder, "Subsurface Scale", 0.05)
-    ):
+    thin_wall = _float(builder, "Thin Wall", 0.0)
+    has_depth = not is_zero(_float(builder, "Subsurface Scale", 0.05)) or not is_zero(thin_wall)
+    if not is_zero(_float(builder, "Subsurface Weight", 0.0)) and has_depth:
         values |= {
             "subsurface_weight": _float(builder, "Subsurface Weight", 0.0),
             "subsurface_radius": builder.input(Socket("Subsurface Radius", VECTOR, (1.0, 0.2, 0.1))),
@@ -327,11 +339,11 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
             "subsurface_ior": _float(builder, "Subsurface IOR", 1.4),
             "subsurface_anisotropy": _float(builder, "Subsurface Anisotropy", 0.0),
         }
-    _principled_lobes(builder, weight, settings, _LOBES, **values)
+    if any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight")):
+        values["thin_wall"] = thin_wall
+    modes = (*_LOBES, MODE_TRANSPARENCY) if is_clear else _LOBES
+    _principled_lobes(builder, weight, settings, modes, **values)
     _thin_film(builder)
-    has_inside = any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight"))
-    if has_inside and not is_zero(_float(builder, "Thin Wall", 0.0)):
-        builder.notice("Thin Wall is not supported", "the surface of a solid")
 
 
 def metallic(node: Node, weight: Value, builder: Any) -> None:

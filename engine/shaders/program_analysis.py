@@ -12,13 +12,14 @@ from engine.kernels.shader import ops_closure, ops_image, ops_input
 from engine.scene.description import Notice
 from engine.shaders.blackbody import emission_temperature
 from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource, WorldImage
-from engine.shaders.program import Constant, Instruction, is_zero
+from engine.shaders.program import Constant, Instruction, Value, is_zero
 from engine.state import shaders as layout
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
-#: Which operands of PRINCIPLED are transmission and subsurface weight, behind the weight.
+#: Which operands of PRINCIPLED are transmission and subsurface weight, and thin wall, behind the weight.
 _TRANSMISSION = 13
 _SUBSURFACE = 24
+_THIN_WALL = 29
 
 
 def with_analysis(
@@ -67,19 +68,31 @@ def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool
     principled = ops_closure.opcode("PRINCIPLED")
     return any(
         instructions[root].opcode in bending
-        or (instructions[root].opcode == principled and not is_zero(instructions[root].inputs[_TRANSMISSION]))
+        or (
+            instructions[root].opcode == principled
+            and not is_zero(instructions[root].inputs[_TRANSMISSION])
+            and not _is_thin(instructions[root].inputs)
+        )
         for root in roots
     )
+
+
+def _is_thin(inputs: Sequence[Value]) -> bool:
+    """Whether a PRINCIPLED is a thin wall everywhere: nothing is bent, nothing goes below."""
+    wall = inputs[_THIN_WALL]
+    return isinstance(wall, Constant) and wall.value[0] != 0.0
 
 
 def _has_subsurface(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool:
     """Whether some lobe lets light in that comes out elsewhere."""
     of_node, principled = (ops_closure.opcode(name) for name in ("SUBSURFACE", "PRINCIPLED"))
-    return any(
-        instructions[root].opcode == of_node
-        or (instructions[root].opcode == principled and not is_zero(instructions[root].inputs[_SUBSURFACE]))
-        for root in roots
-    )
+    for root in roots:
+        opcode, inputs = instructions[root].opcode, instructions[root].inputs
+        if opcode == of_node:
+            return True
+        if opcode == principled and not is_zero(inputs[_SUBSURFACE]) and not _is_thin(inputs):
+            return True
+    return False
 
 
 def _closure_flags(instructions: Sequence[Instruction], roots: Sequence[int]) -> int:
@@ -171,6 +184,8 @@ def _constant_transparency(instructions: Sequence[Instruction], roots: Sequence[
         closure = instructions[root]
         values = [value.value for value in closure.inputs if isinstance(value, Constant)]
         if len(values) != len(closure.inputs) or closure.opcode == ops_closure.OP_HOLDOUT:
+            return None
+        if closure.opcode == ops_closure.opcode("PRINCIPLED"):
             return None
         if closure.opcode == ops_closure.OP_ALPHA:
             total += values[0][0] * (1.0 - min(max(values[1][0], 0.0), 1.0))

@@ -54,6 +54,9 @@ _SCALARS = {
     "sheen_roughness": 0.5,
     "emission_strength": 0.0,
     "alpha": 1.0,
+    "subsurface": 0.0,
+    "anisotropy": 0.0,
+    "thin_wall": 0.0,
 }
 _COLORS = {
     "color": (1.0, 1.0, 1.0),
@@ -130,7 +133,8 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             emission_color=_color(colors, 4),
             emission_strength=values[13],
             alpha=values[14],
-            subsurface=SubsurfaceInputs(RANDOM_WALK, 0.0, (1.0, 0.2, 0.1), 0.0, 1.4, 0.0),
+            subsurface=SubsurfaceInputs(RANDOM_WALK, values[15], (1.0, 0.2, 0.1), 0.0, 1.4, values[16]),
+            thin_wall=values[17],
         )
         add_principled(closures, tables, 0, white, wo, ng, n, is_backfacing, inputs)
     elif node == 5:

@@ -23,6 +23,7 @@ from engine.kernels.bsdf.kinds import (
     REFRACTION,
     SMOOTH_N,
     SUBSURFACE,
+    THIN_GLASS,
     TRANSPARENT,
     WEIGHT_CUTOFF,
 )
@@ -166,6 +167,6 @@ def blur_glossy(closures, lane, roughness):
                 closures.param[lane, i, column] = max(closures.param[lane, i, column], roughness)
         elif kind == HUANG:
             closures.param[lane, i, HUANG_ALPHA] = max(closures.param[lane, i, HUANG_ALPHA], roughness)
-        elif FIRST_MICROFACET <= kind <= LAST_MICROFACET:
+        elif FIRST_MICROFACET <= kind <= LAST_MICROFACET or kind == THIN_GLASS:
             closures.param[lane, i, ALPHA_X] = max(closures.param[lane, i, ALPHA_X], roughness)
             closures.param[lane, i, ALPHA_Y] = max(closures.param[lane, i, ALPHA_Y], roughness)

@@ -31,6 +31,7 @@ from engine.kernels.bsdf.kinds import (
     PHASE,
     REFRACTION,
     SUBSURFACE,
+    THIN_GLASS,
     TRANSPARENT,
 )
 from engine.kernels.bsdf.lobes import eval_lobe, hair_roughness, sample_hair, sample_lobe
@@ -71,7 +72,8 @@ DELTA_LOBES = 2
 def is_visible(kind, visibility):
     """Whether lobes of `kind` may see a light of RAY_* mask `visibility`; glass needs either kind of ray (Cycles)."""
     if FIRST_HAIR <= kind <= LAST_DIFFUSE:
-        return visibility & (RAY_TRANSMIT if kind == HAIR_TRANSMISSION else RAY_GLOSSY) != 0
+        transmits = kind == HAIR_TRANSMISSION or kind == THIN_GLASS
+        return visibility & (RAY_TRANSMIT if transmits else RAY_GLOSSY) != 0
     if kind <= LAST_DIFFUSE:
         return visibility & (RAY_VOLUME if kind == PHASE else RAY_DIFFUSE) != 0
     if kind < REFRACTION:

@@ -29,14 +29,18 @@ NONE = 0
 # Diffuse kinds, up to LAST_DIFFUSE: those below FIRST_TRANSLUCENT reflect, the others transmit.
 DIFFUSE = 1
 FIRST_TRANSLUCENT = 16
+#: What a rough thin wall lets through (`thin_wall.py`).
+THIN_TRANSLUCENT = 18
 #: Phase function of a medium: sends light all around.
 PHASE = 17
-#: Fibres, FIRST_HAIR to LAST_DIFFUSE: as diffuse kinds they send light all around, but their rays are glossy.
-FIRST_HAIR = 20
-HAIR_REFLECTION = 20
-HAIR_TRANSMISSION = 21
-CHIANG = 22
-HUANG = 23
+#: Fibres and what comes through thin glass, FIRST_HAIR to LAST_DIFFUSE: as diffuse kinds they have no delta part, but
+#: their rays are glossy.
+FIRST_HAIR = 19
+HAIR_REFLECTION = 19
+HAIR_TRANSMISSION = 20
+CHIANG = 21
+HUANG = 22
+THIN_GLASS = 23
 LAST_DIFFUSE = 23
 
 # Microfacet kinds: FIRST_MICROFACET to LAST_MICROFACET; those from REFRACTION on transmit.

@@ -30,6 +30,7 @@ from engine.kernels.bsdf import (
     principled,
     sheen,
     subsurface,
+    thin_wall,
     translucent,
 )
 from engine.kernels.bsdf.kinds import (
@@ -47,9 +48,9 @@ from engine.kernels.bsdf.subsurface import SUBSURFACE_ALBEDO, SUBSURFACE_RADIUS
 from engine.runtime.jit import by_number
 
 #: Diffuse kinds of lobes, and that of media; they are asked in this order.
-_DIFFUSE_LOBES = (oren_nayar.LOBE, sheen.LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE)
-#: What fibres have.
-HAIR_LOBES = (*hair.LOBES, chiang.LOBE, huang.LOBE)
+_DIFFUSE_LOBES = (oren_nayar.LOBE, sheen.LOBE, thin_wall.TRANSLUCENT_LOBE, translucent.LOBE, phase.LOBE, diffuse.LOBE)
+#: Those whose rays are glossy: what fibres have, and what thin glass lets through.
+HAIR_LOBES = (*hair.LOBES, chiang.LOBE, huang.LOBE, thin_wall.GLASS_LOBE)
 LOBES = (*HAIR_LOBES, *_DIFFUSE_LOBES)
 
 #: Instructions that add lobes, by name; they are asked in this order.

@@ -17,6 +17,7 @@ from engine.kernels.bsdf.kinds import (
     LAST_DIFFUSE,
     LAST_MICROFACET,
     REFRACTION,
+    THIN_GLASS,
     TRANSPARENT,
 )
 from engine.kernels.bsdf.microfacet import lobe_color
@@ -39,7 +40,7 @@ def _eval_parts(closures, lane, wo, wi, visibility, out):
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
         row = DIFFUSE_LOBES
-        if kind == REFRACTION or kind == HAIR_TRANSMISSION:
+        if kind == REFRACTION or kind == HAIR_TRANSMISSION or kind == THIN_GLASS:
             row = TRANSMISSIVE_LOBES
         elif kind == GLASS:
             is_refracted = dot(read3(closures.param, lane, i, CLOSURE_N), wi) < 0.0
@@ -105,7 +106,8 @@ def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
         if not FIRST_MICROFACET <= kind <= LAST_MICROFACET:
             row = DIFFUSE_LOBES
             if FIRST_HAIR <= kind <= LAST_DIFFUSE:
-                row = TRANSMISSIVE_LOBES if kind == HAIR_TRANSMISSION else GLOSSY_LOBES
+                is_transmissive = kind == HAIR_TRANSMISSION or kind == THIN_GLASS
+                row = TRANSMISSIVE_LOBES if is_transmissive else GLOSSY_LOBES
             for c in range(len(closures.channels)):
                 out[row, c] += param[lane, i, CLOSURE_WEIGHT + c]
             continue

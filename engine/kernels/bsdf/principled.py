@@ -29,6 +29,7 @@ from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar
 from engine.kernels.bsdf.sheen import append_sheen
 from engine.kernels.bsdf.subsurface import RANDOM_WALK_SKIN, SubsurfaceInputs, add_subsurface
+from engine.kernels.bsdf.thin_wall import add_thin_glass, add_thin_subsurface
 from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.vector import add, dot, normalize, scale
@@ -76,6 +77,7 @@ class PrincipledInputs(NamedTuple):
     tangent : direction of anisotropy; anisotropic_rotation [turns]
     coat_normal : on the viewer's side; the smooth shading normal where nothing is linked
     subsurface : its refractive index counts for skin alone
+    thin_wall : not 0: a sheet, which light goes through at once
     """
 
     distribution: int
@@ -102,6 +104,7 @@ class PrincipledInputs(NamedTuple):
     emission_strength: float
     alpha: float
     subsurface: SubsurfaceInputs
+    thin_wall: float
 
 
 @kernel
@@ -127,18 +130,40 @@ def _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs):
     clamped_color = (min(base_color[0], 1.0), min(base_color[1], 1.0), min(base_color[2], 1.0))
     share = clamp_unit(inputs.subsurface.weight)
     diffuse_weight = multiply(weight, base_color)
-    if share > WEIGHT_CUTOFF:
-        roughness = clamp_unit(inputs.roughness)
-        add_subsurface(
-            closures, lane, scale(multiply(weight, clamped_color), share), clamped_color, n, specular_n,
-            roughness * roughness, _below(inputs.subsurface, eta),
-        )
-        diffuse_weight = scale(diffuse_weight, 1.0 - share)
     diffuse_roughness = clamp_unit(inputs.diffuse_roughness)
+    if share > WEIGHT_CUTOFF:
+        weight_below = scale(multiply(weight, clamped_color), share)
+        if inputs.thin_wall != 0.0:
+            anisotropy = inputs.subsurface.anisotropy
+            add_thin_subsurface(closures, lane, weight_below, clamped_color, n, diffuse_roughness, anisotropy)
+        else:
+            roughness = clamp_unit(inputs.roughness)
+            add_subsurface(
+                closures, lane, weight_below, clamped_color, n, specular_n, roughness * roughness,
+                _below(inputs.subsurface, eta),
+            )
+        diffuse_weight = scale(diffuse_weight, 1.0 - share)
     if diffuse_roughness < WEIGHT_CUTOFF:
         append_closure(closures, lane, DIFFUSE, diffuse_weight, n)
     else:
         add_oren_nayar(closures, lane, diffuse_weight, base_color, n, diffuse_roughness)
+
+
+@kernel
+def _add_transmission(closures, tables, lane, weight, wo, n, specular_n, is_backfacing, inputs):
+    """Append what light goes through: glass, or a thin wall of it."""
+    color, specular_tint = not_negative(inputs.base_color), not_negative(inputs.specular_tint)
+    color = (min(color[0], 1.0), min(color[1], 1.0), min(color[2], 1.0))
+    ior, roughness = at_least(inputs.ior, 1e-5), clamp_unit(inputs.roughness)
+    alpha = roughness * roughness
+    if inputs.thin_wall != 0.0:
+        add_thin_glass(closures, tables, lane, weight, wo, specular_n, alpha, ior, specular_tint, color)
+        return
+    tint = (math.sqrt(color[0]), math.sqrt(color[1]), math.sqrt(color[2]))
+    append_glass(
+        closures, tables, lane, weight, wo, Facets(specular_n, n, alpha, alpha, inputs.distribution == MULTI_GGX),
+        Interface(1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_of_eta(ior)), (1.0, 1.0, 1.0), tint),
+    )  # fmt: skip
 
 
 @kernel
@@ -222,13 +247,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
 
     f0_real = f0_of_eta(ior)
     if transmission > WEIGHT_CUTOFF:
-        tint = (math.sqrt(clamped_color[0]), math.sqrt(clamped_color[1]), math.sqrt(clamped_color[2]))
-        glass_alpha = roughness * roughness
-        append_glass(
-            closures, tables, lane, scale(weight, transmission), wo,
-            Facets(specular_n, n, glass_alpha, glass_alpha, is_multiple),
-            Interface(1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_real), (1.0, 1.0, 1.0), tint),
-        )  # fmt: skip
+        _add_transmission(closures, tables, lane, scale(weight, transmission), wo, n, specular_n, is_backfacing, inputs)
         weight = scale(weight, 1.0 - transmission)
 
     eta = ior
@@ -253,11 +272,11 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
     """Instruction `weight, normal, coat normal, tangent, base color, metallic, roughness, diffuse roughness, ior,
     specular level, specular tint, anisotropic, rotation, transmission, coat weight, coat roughness, coat ior, coat
     tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha, subsurface weight,
-    radius, scale, ior, anisotropy | distribution, subsurface method`.
+    radius, scale, ior, anisotropy, thin wall | distribution, subsurface method`.
     """
     n = safe_normal(read3(memory, code[pc + 3]), view.ns)
     inputs = PrincipledInputs(
-        distribution=code[pc + 31],
+        distribution=code[pc + 32],
         base_color=read3(memory, code[pc + 6]),
         metallic=memory[code[pc + 7]],
         roughness=memory[code[pc + 8]],
@@ -281,13 +300,14 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
         emission_strength=memory[code[pc + 24]],
         alpha=memory[code[pc + 25]],
         subsurface=SubsurfaceInputs(
-            method=code[pc + 32],
+            method=code[pc + 33],
             weight=memory[code[pc + 26]],
             radius=read3(memory, code[pc + 27]),
             scale=memory[code[pc + 28]],
             ior=memory[code[pc + 29]],
             anisotropy=memory[code[pc + 30]],
         ),
+        thin_wall=memory[code[pc + 31]],
     )
     weights = (weight, weight, weight)
     add_principled(closures, tables, lane, weights, view.wo, view.ng, n, view.is_backfacing, inputs)

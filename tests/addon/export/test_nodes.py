@@ -540,23 +540,3 @@ def test_nodes_do_what_they_do_in_the_version_that_exports(version: tuple[int, i
     )
     assert magic == {"wraps_scaled": version >= (5, 2)}
     assert normal == {"has_unit_frame": version >= (5, 1)}
-
-
-@pytest.mark.parametrize("kind, name", [
-    ("ShaderNodeSubsurfaceScattering", "Anisotropy"), ("ShaderNodeBsdfPrincipled", "Subsurface Anisotropy"),
-])  # fmt: skip
-def test_backward_scattering_counts_as_even_before_blender_5_2(kind: str, name: str, monkeypatch: Any) -> None:
-    """Cycles 5.0 gives the same picture, bit for bit, for -0.6 and 0."""
-    from addon.export import node_versions
-    from engine.scene.description import Link, Node
-
-    monkeypatch.setattr(node_versions, "is_since", lambda since: since <= (5, 1))
-    assert node_versions.modernize(Node(kind, kind, {name: -0.6}), 7)[-1].inputs[name] == 0.0
-    assert node_versions.modernize(Node(kind, kind, {name: 0.4}), 7)[-1].inputs[name] == 0.4
-    most, node = node_versions.modernize(Node(kind, kind, {name: Link(3, "Value")}), 7)
-    assert node.inputs[name] == Link(7, "Value")
-    assert (most.kind, most.properties["operation"]) == ("ShaderNodeMath", "MAXIMUM")
-    assert most.inputs == {"Value": Link(3, "Value"), "Value_001": 0.0}
-    monkeypatch.setattr(node_versions, "is_since", lambda since: True)
-    (node,) = node_versions.modernize(Node(kind, kind, {name: -0.6}), 7)
-    assert node.inputs[name] == -0.6

@@ -202,24 +202,6 @@ def test_raycast_is_named_and_its_links_do_not_count(scene: Any, socket: str) ->
     assert found[0].problem == "ShaderNodeRaycast is not supported"
 
 
-@pytest.mark.parametrize("is_linked", [False, True])
-def test_thin_walls_are_named(scene: Any, is_linked: bool) -> None:
-    tree = scene.objects["Plane"].data.materials[0].node_tree
-    shader = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeBsdfPrincipled")
-    if "Thin Wall" not in shader.inputs:
-        pytest.skip("Blender 5.2 has Thin Wall")
-    if is_linked:
-        path = tree.nodes.new("ShaderNodeLightPath")
-        tree.links.new(path.outputs["Is Camera Ray"], shader.inputs["Thin Wall"])
-    else:
-        shader.inputs["Thin Wall"].default_value = True
-    assert notices(scene) == []  # Opaque surfaces have no other side.
-    shader.inputs["Transmission Weight"].default_value = 0.5
-    found = notices(scene)
-    assert [notice.subject for notice in found] == [f"Plane / Paint / {shader.name}"]
-    assert found[0].problem == "Thin Wall is not supported"
-
-
 @pytest.mark.parametrize("kind, strength, weight", [
     ("ShaderNodeBsdfGlass", "Anisotropy", None),
     ("ShaderNodeBsdfPrincipled", "Anisotropic", "Transmission Weight"),
