@@ -11,6 +11,7 @@ from benchmarks.scenes import (
     displaced,
     failing_media,
     failures,
+    flat_hair,
     furnished,
     geometry,
     hair,
@@ -28,6 +29,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
-    "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
-    "subsurface", "textures",
+    "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms",
+    "spectral", "subsurface", "textures",
 ]  # fmt: skip

@@ -147,7 +147,8 @@ def test_every_builtin_scene_says_what_it_is() -> None:
         assert scene.description != name, f"{name} has no docstring"
         assert scene.group in {
             "closures", "principled", "lights", "limits", "cameras", "textures", "geometry", "rooms", "failures",
-            "failing_media", "motion", "spectral", "furnished", "media", "clamped", "displaced", "hair", "subsurface",
+            "failing_media", "motion", "spectral", "furnished", "media", "clamped", "displaced", "hair", "flat_hair",
+            "subsurface",
         }  # fmt: skip
 
 
