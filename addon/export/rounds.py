@@ -105,7 +105,8 @@ def _read_curves(context: ExportContext, curves: Any, request: AttributeRequest)
         (strands.of_curves if attribute.domain == "CURVE" else strands.of_keys)[attribute.name] = values
     if "curve_normal" in request.names:
         # In the object's space, which Cycles takes for the world's.
-        strands.of_keys["curve_normal"] = _read_vectors(curves.normals, len(curves.points))
+        # One by one: `foreach_get` reads them after Blender has freed them.
+        strands.of_keys["curve_normal"] = np.array([normal.vector[:] for normal in curves.normals], np.float32)
     types = curves.attributes.get("curve_type")
     is_poly = types is not None and len(types.data) > 0 and types.data[0].value == _POLY
     mesh = _mesh_of(context, curves.name, strands, request, ROUND_LINEAR if is_poly else None)

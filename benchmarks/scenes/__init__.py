@@ -12,6 +12,7 @@ from benchmarks.scenes import (
     displaced_followers,
     failing_media,
     failures,
+    flat_hair,
     furnished,
     geometry,
     hair,
@@ -34,7 +35,7 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
-    "failing_media", "failures", "furnished", "geometry", "hair", "lights", "limits", "matter", "matter_indoors",
-    "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral", "subsurface",
-    "textures",
+    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "matter",
+    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral",
+    "subsurface", "textures",
 ]  # fmt: skip

@@ -31,22 +31,6 @@ def _fur(name: str, surface: Surface, drawn_as: str, **settings: Any) -> None:
         setattr(hair, key, value)
 
 
-def _strands(surface: Any, drawn_as: str, count: int, radius: float) -> Any:
-    """Strands of a Curves object, which it returns, on the lit stage."""
-    lit_stage()
-    bpy.context.scene.cycles_curves.shape = drawn_as
-    rng = np.random.default_rng(4)
-    data = bpy.data.hair_curves.new("strands")
-    data.add_curves([5] * count)
-    roots = rng.uniform(-1.0, 1.0, (count, 1, 3)) * (1.2, 0.6, 0.0)
-    steps = np.arange(5)[None, :, None] * (rng.normal(0.0, 0.1, (count, 1, 3)) + (0.0, 0.0, 0.3))
-    data.position_data.foreach_set("vector", (roots + steps).astype(np.float32).ravel())
-    radii = np.tile(np.linspace(radius, radius / 3.0, 5), count).astype(np.float32)
-    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radii)
-    data.materials.append(surface)
-    return add_object("strands", data)
-
-
 @scene("hair-ribbons")
 def ribbons() -> None:
     """Particle hair as flat ribbons of Lambert's law."""
@@ -81,33 +65,21 @@ def principled() -> None:
     _fur("blond", surface, "RIBBONS")
 
 
-@scene("hair-huang", samples=128)
-def huang() -> None:
-    """Huang's model on particle hair, whose ellipses are turned as Cycles turns them where there is no normal."""
-
-    def surface(nodes: Nodes) -> Socket:
-        settings = {"model": "HUANG", "parametrization": "COLOR"}
-        return nodes("BsdfHairPrincipled", settings, Color=(0.5, 0.25, 0.1), Roughness=0.3, Random_Roughness=0.3)
-
-    _fur("red", surface, "RIBBONS")
-
-
-@scene("hair-huang-curves", samples=128)
-def huang_curves() -> None:
-    """Huang's model on thick curves that are seen near, flat as their normals have it, with lobes of unequal weight."""
-
-    def surface(nodes: Nodes) -> Socket:
-        settings = {"model": "HUANG", "parametrization": "MELANIN"}
-        lobes = {"R lobe": 0.8, "TT lobe": 1.2, "TRT lobe": 0.7, "Aspect Ratio": 0.5, "Offset": 0.1}
-        return nodes("BsdfHairPrincipled", settings, lobes, Melanin=0.25, Roughness=0.25, Random_Color=0.5)
-
-    _strands(material("flat", surface), "THICK", 60, 0.08)
-
-
 @scene("hair-curves")
 def curves() -> None:
     """A Curves object of straight and round segments, transformed unevenly."""
-    _strands(diffuse((0.3, 0.6, 0.3), "green"), "THICK_LINEAR", 300, 0.03).scale = (1.0, 1.3, 0.9)
+    lit_stage()
+    bpy.context.scene.cycles_curves.shape = "THICK_LINEAR"
+    rng = np.random.default_rng(4)
+    data = bpy.data.hair_curves.new("strands")
+    data.add_curves([5] * 300)
+    roots = rng.uniform(-1.0, 1.0, (300, 1, 3)) * (1.2, 0.6, 0.0)
+    steps = np.arange(5)[None, :, None] * (rng.normal(0.0, 0.1, (300, 1, 3)) + (0.0, 0.0, 0.3))
+    data.position_data.foreach_set("vector", (roots + steps).astype(np.float32).ravel())
+    radii = np.tile(np.linspace(0.03, 0.01, 5), 300).astype(np.float32)
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", radii)
+    data.materials.append(diffuse((0.3, 0.6, 0.3), "green"))
+    add_object("strands", data).scale = (1.0, 1.3, 0.9)
 
 
 @scene("points")

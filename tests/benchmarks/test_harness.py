@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import parity, tables
+from benchmarks import parity, scenes, tables
 from benchmarks.__main__ import main
 from benchmarks.environment import describe
 from benchmarks.images import read_exr
@@ -145,11 +145,7 @@ def test_every_builtin_scene_says_what_it_is() -> None:
     assert len(SCENES) > 100
     for name, scene in SCENES.items():
         assert scene.description != name, f"{name} has no docstring"
-        assert scene.group in {
-            "closures", "principled", "lights", "limits", "cameras", "textures", "geometry", "rooms", "failures",
-            "failing_media", "motion", "spectral", "furnished", "media", "clamped", "displaced", "hair", "subsurface",
-            "moving_strands", "matter", "matter_indoors", "matter_large", "plants",
-        }  # fmt: skip
+        assert scene.group in scenes.__all__
 
 
 def test_budget_names_files() -> None:

@@ -70,6 +70,23 @@ def test_curves_are_segments_between_their_keys(scene: Any) -> None:
     assert random[0] == random[1] != random[2] and (0.0 <= random).all() and (random <= 1.0).all()
 
 
+@pytest.mark.parametrize("model", ["CHIANG", "HUANG"])
+def test_strands_have_normals_where_their_ellipses_need_them(scene: Any, model: str) -> None:
+    data = _add_curves(scene, [3])
+    tree = data.materials[0].node_tree
+    hair = tree.nodes.new("ShaderNodeBsdfHairPrincipled")
+    hair.model = model
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(hair.outputs[0], output.inputs["Surface"])
+    (mesh,) = export().meshes
+    assert ("curve_normal" in mesh.attributes) == (model == "HUANG")
+    if model == "HUANG":
+        normals = mesh.attributes["curve_normal"].data
+        assert np.allclose(normals, [tuple(normal.vector) for normal in data.normals])
+        assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
+        assert np.allclose(normals[:, 0], 0.0)
+
+
 @pytest.mark.parametrize(("setting", "shape"), [("THICK", ROUND), ("THICK_LINEAR", ROUND_LINEAR)])
 def test_the_scene_says_the_shape(scene: Any, setting: str, shape: str) -> None:
     scene.cycles_curves.shape, scene.cycles_curves.subdivisions = setting, 3

@@ -59,7 +59,7 @@ def _sample(param, channels, kind, wo, u, directions):
             directions[k, c] = wi[c]
 
 
-def _closure(is_chiang, operands, immediate):
+def _closure(is_chiang, operands, immediate, tangent=TANGENT):
     closures = allocate_closures(1)
     closures.ns[0] = NS
     memory, code = np.zeros(64, np.float32), np.zeros(32, np.int32)
@@ -70,7 +70,7 @@ def _closure(is_chiang, operands, immediate):
         code[3 + k] = at
         at += len(values)
     code[3 + len(operands)] = immediate
-    _add(closures, is_chiang, memory, code, WO, NS, TANGENT)
+    _add(closures, is_chiang, memory, code, WO, NS, tangent)
     assert closures.count[0] == 1
     return closures
 
@@ -127,3 +127,15 @@ def test_a_clear_fibre_loses_nothing() -> None:
         closures = _chiang((0.0, 0.0, 0.0), roughness, roughness)
         total = _cell_integrals(closures, 0).sum()
         assert math.isclose(total, 1.0, abs_tol=0.003), (roughness, total)
+
+
+@pytest.mark.parametrize("given", [(0.0, 0.0, 0.0), (0.0, 3.0, 0.0)])
+def test_on_triangles_the_tangent_is_an_edge(given: tuple[float, ...]) -> None:
+    """Where the node is given none; then nothing is tilted either, as in Cycles."""
+    none = (np.float32(0.0),) * 3
+    edge = (0.0, 0.0, 4.0)
+    param = _closure(False, [(1.0, 1.0, 1.0), 0.4, 0.4, 0.1, given, edge], 0, none).param[0, 0]
+    column = hair.HAIR_TANGENT
+    is_given = any(given)
+    assert param[column : column + 3].tolist() == ([0.0, 1.0, 0.0] if is_given else [0.0, 0.0, 1.0])
+    assert np.isclose(param[column + 5], -0.1 if is_given else 0.0)

@@ -18,7 +18,7 @@ _LEFT_OUT = {
     "ShaderNodeVolumeInfo", "ShaderNodeOutputLight",
     # Named by notices, so that their pictures are not compared.
     "ShaderNodeTexSky", "ShaderNodeWireframe", "ShaderNodeTexIES", "ShaderNodeAmbientOcclusion", "ShaderNodeBevel",
-    # On meshes their tangent is of our own choice (docs/differences.md).
+    # Cycles' light samples of them differ from its own sampling (docs/differences.md).
     "ShaderNodeBsdfHair", "ShaderNodeBsdfHairPrincipled",
 }  # fmt: skip
 _SURFACES = ("ShaderNodeBsdf", "ShaderNodeEmission", "ShaderNodeHoldout", "ShaderNodeEeveeSpecular")
