@@ -23,11 +23,12 @@ from benchmarks.scenes import (
     spectral,
     subsurface,
     textures,
+    wax,
 )
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "failing_media", "failures",
     "furnished", "geometry", "hair", "lights", "limits", "media", "motion", "principled", "rooms", "spectral",
-    "subsurface", "textures",
+    "subsurface", "textures", "wax",
 ]  # fmt: skip
