@@ -148,6 +148,7 @@ def test_every_builtin_scene_says_what_it_is() -> None:
         assert scene.group in {
             "closures", "principled", "lights", "limits", "cameras", "textures", "geometry", "rooms", "failures",
             "failing_media", "motion", "spectral", "furnished", "media", "clamped", "displaced", "hair", "subsurface",
+            "wax",
         }  # fmt: skip
 
 
