@@ -30,6 +30,7 @@ from benchmarks.scenes import (
     spectral,
     subsurface,
     textures,
+    wax,
 )
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
@@ -37,5 +38,5 @@ __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "matter",
     "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral",
-    "subsurface", "textures",
+    "subsurface", "textures", "wax",
 ]  # fmt: skip

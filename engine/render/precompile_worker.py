@@ -162,6 +162,9 @@ def _compile_subsurface() -> None:
     scene.materials[0].graph = wax
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, spectral=spectral)
+    wax.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}))
+    wax.volume = Link(1, "Volume")
+    _render("OFF", scene=scene)
 
 
 def _compile_curves() -> None:

@@ -23,6 +23,7 @@ from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_cache_records import collect_cache_records
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.columns import (
+    SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
@@ -40,6 +41,7 @@ from engine.wavefront.columns import (
     UNIT_USE_FEATURES,
     UNIT_USE_OCCLUSION,
 )
+from engine.wavefront.cross_below import cross_below
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
 from engine.wavefront.evaluate_shaders import evaluate_shaders
@@ -273,6 +275,7 @@ _STAGES = (
     Stage(keep_occlusion, "occlusion", _OCCLUSION),
     Stage(scatter, "scatter"),
     Stage(walk_subsurface, "walk_subsurface", _SUBSURFACE),
+    Stage(cross_below, "walk_subsurface", _all(_SUBSURFACE, _scene(SCENE_HAS_BOUNDARIES))),
     Stage(sample_source, "sample_source", _is_guided, _guided),
     Stage(draw_candidates, "draw_candidates", _is_guided, _guided),
     Stage(predict_radiance, "predict_radiance", _is_guided, lambda loop: (loop.radiance, loop.guidance, loop.work)),

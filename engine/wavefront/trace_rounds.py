@@ -12,6 +12,7 @@ from engine.wavefront.columns import (
     CLOCK,
     NEXT_LANE,
     ROWS,
+    SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_HITTABLE_LIGHTS,
@@ -270,6 +271,8 @@ def _scatter(stages, scene, unit, work):
     mark(work.clock, CLOCK.scatter)
     if work.walking.count[0] > 0:
         stages.walk_subsurface(scene, unit, work, work.walking)
+        if scene.header[SCENE_HAS_BOUNDARIES] != 0:
+            stages.cross_below(scene, unit, work, work.walking)
         mark(work.clock, CLOCK.walk_subsurface)
 
 

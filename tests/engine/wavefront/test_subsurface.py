@@ -13,6 +13,7 @@ from engine.runtime.jit import in_python
 from engine.scene.description import Light
 from engine.settings import RenderSettings
 from tests.helpers.media_renders import means_by_seed, picture, render
+from tests.helpers.media_scenes import media_scene, placed
 from tests.helpers.placed_quads import steps, turned
 from tests.helpers.small_scenes import material
 from tests.helpers.subsurface_scenes import below, box_scene
@@ -84,6 +85,25 @@ def test_whatever_the_numbers_are_the_picture_is_one(inputs: dict) -> None:
     materials = [below(method, **inputs) for method in (*METHODS, "BURLEY")]
     image = picture(box_scene(*materials), samples=4)
     assert np.isfinite(image).all() and (image >= 0.0).all()
+
+
+@pytest.mark.parametrize("size", [(1.0, 1.0, 0.0), (0.0, 0.0, 0.0), (1.0, 1.0, 1e-20), (1e4, 1.0, 1e-3)])
+def test_open_and_flat_objects_give_a_picture(size: tuple[float, float, float]) -> None:
+    materials = [below(method, Anisotropy=g) for method in (*METHODS, "BURLEY") for g in (-0.99, 0.99)]
+    scene = media_scene(materials, [placed(size, (0.1 * k, 0.0, 0.0)) for k in range(len(materials))])
+    mesh = scene.meshes[0]
+    mesh.triangles, mesh.material_slots = mesh.triangles[2:7].copy(), mesh.material_slots[2:7].copy()
+    image = picture(scene, samples=4)
+    assert np.isfinite(image).all() and (image >= 0.0).all()
+
+
+@pytest.mark.slow
+def test_wavelengths_keep_the_mean() -> None:
+    """Greys are the same at every wavelength, so that channels of different depths show their own mean."""
+    scene = box_scene(below(color=(0.6, 0.6, 0.6), radius=(0.4, 0.4, 0.4)), below("BURLEY", color=(0.6, 0.6, 0.6)))
+    plain, spectral = (means_by_seed(scene, samples=64, seeds=6, spectral=on) for on in ("OFF", "ON"))
+    error = np.hypot(plain.std(axis=0, ddof=1), spectral.std(axis=0, ddof=1)) / np.sqrt(6)
+    assert (np.abs(plain.mean(axis=0) - spectral.mean(axis=0)) <= 4.0 * error + 0.002).all()
 
 
 def test_the_picture_is_the_same_for_any_number_of_threads() -> None:
