@@ -75,7 +75,7 @@ def _matter(bpy: Any, kind: str) -> Any:
 def test_skin_and_hair_have_previews(
     blender: Any, regions: list[Any], kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of their colours, in front of the grey room. Cycles takes minutes for its own."""
+    """Of their colours. Cycles takes minutes for its own."""
     settings = material_preview.preview_settings
     monkeypatch.setattr(material_preview, "preview_settings", lambda scene: replace(settings(scene), samples=4))
     blender.context.scene.render.engine = "NEURALGUIDE"
