@@ -21,7 +21,7 @@ from .moments import Moment
 from .normals import read_normals
 from .particle_hair import ParticleHair, read_hair_shape
 from .positions import read_positions
-from .rounds import read_shape
+from .rounds import as_many_keys, read_offsets, read_shape
 from .shutter import Shutter
 from .topology import Faces, Topology, read_faces, read_topology
 
@@ -98,6 +98,8 @@ class ShapeTrack:
             _follow_velocity(self._context, self._shutter, shape, source)
         else:
             shape.is_read = True
+            if isinstance(source, bpy.types.Curves):
+                shape.offsets = read_offsets(source)
         self._shapes.append(shape)
 
     def look(self, step: int, count: int, moment: Moment, where: npt.NDArray[np.intp]) -> None:
@@ -121,6 +123,11 @@ class ShapeTrack:
             positions, radii = read_hair_shape(self._context, shape.grows_on.evaluated_get(self._context.depsgraph))
         else:
             positions, radii = read_shape(source)
+            if shape.offsets is not None:
+                offsets = read_offsets(source)
+                has_other_keys = len(offsets) == len(shape.offsets) and not np.array_equal(offsets, shape.offsets)
+                if has_other_keys and np.diff(offsets).all():
+                    positions, radii = (as_many_keys(part, offsets, shape.offsets) for part in (positions, radii))
         if len(positions) != len(middle):
             self._context.notice(
                 shape.name,
@@ -205,6 +212,8 @@ class _Shape:
     is_read: bool = False
     #: What a mesh's must be like to be the same; None of curves and points.
     faces: Faces | None = None
+    #: Where curves begin, in the middle.
+    offsets: npt.NDArray[np.int64] | None = None
     #: Whose hair it is, original.
     grows_on: bpy.types.Object | None = None
     #: None where every face is flat.

@@ -81,16 +81,44 @@ def read_shape(source: Any) -> tuple[Float32Array, Float32Array]:
     return _read_vectors(source.position_data, count), _read_radii(source, count, _CURVE_RADIUS)
 
 
+def read_offsets(curves: Any) -> npt.NDArray[np.int64]:
+    """Where the keys of each curve of an evaluated Curves begin, and where the last one's end, int64 (C + 1,)."""
+    offsets = np.empty(len(curves.curves) + 1, np.int32)
+    curves.curve_offset_data.foreach_get("value", offsets)
+    return offsets.astype(np.int64)
+
+
+def as_many_keys(
+    values: Float32Array, offsets: npt.NDArray[np.int64], wanted: npt.NDArray[np.int64]
+) -> Float32Array:
+    """What keys of curves have, float32 (K, ...), at as many keys as other curves have, evenly spread, as Cycles does.
+
+    Parameters
+    ----------
+    offsets, wanted : int64 (C + 1,)
+        Of the curves, and of others that are as many.
+    """
+    counts, wanted_counts = np.diff(offsets), np.diff(wanted)
+    curve = np.repeat(np.arange(len(counts)), wanted_counts)
+    number = np.arange(wanted[-1]) - wanted[curve]
+    at = number / np.maximum(wanted_counts[curve] - 1, 1) * np.maximum(counts[curve] - 1, 0)
+    before = at.astype(np.int64)
+    behind = np.minimum(before + 1, np.maximum(counts[curve] - 1, 0))
+    share = (at - before).reshape(-1, *[1] * (values.ndim - 1))
+    first = offsets[curve]
+    mixed = (1.0 - share) * values[first + before] + share * values[first + behind]
+    result: Float32Array = mixed.astype(np.float32)
+    return result
+
+
 def _read_curves(context: ExportContext, curves: Any, request: AttributeRequest) -> Mesh | None:
     curve_count = len(curves.curves)
     if not curve_count:
         return None
     check_memory_of_strands(len(curves.points), curve_count, curves.name)
-    offsets = np.empty(curve_count + 1, np.int32)
-    curves.curve_offset_data.foreach_get("value", offsets)
     strands = Strands(
         *read_shape(curves),
-        offsets.astype(np.int64),
+        read_offsets(curves),
         np.zeros(curve_count, np.int32),
     )
     for attribute in curves.attributes:

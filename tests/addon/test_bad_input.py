@@ -442,7 +442,7 @@ def test_what_few_pictures_depend_on_is_named_and_replaced(
 
 @pytest.mark.parametrize("shape", ["RIBBONS", "THICK", "THICK_LINEAR"])
 def test_strands_that_are_broken_leave_the_others(cube_scene: Any, render: Render, shape: str) -> None:
-    """No keys, one key, no length, no radius, NaN, wider than long, within the cube; the last hides what is behind."""
+    """One key, no length, no radius, NaN, hardly a radius, within the cube; the last is wide and seen."""
     import bpy
 
     cube_scene.cycles_curves.shape = shape

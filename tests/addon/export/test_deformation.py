@@ -359,3 +359,40 @@ def test_strands_that_become_more_are_not_blurred(scene: Any) -> None:
     description = export()
     assert description.meshes[0].motion_vertices is None
     assert any("other strands or points" in notice.problem for notice in description.notices)
+
+
+def test_strands_that_get_other_keys_are_followed_by_evenly_spread_ones(scene: Any) -> None:
+    """As in Cycles."""
+    import bpy
+
+    strands = _add_strands(scene)
+    group = bpy.data.node_groups.new("Keys", "GeometryNodeTree")
+    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    nodes, links = group.nodes, group.links
+    given, left = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    time, more, count = (
+        nodes.new(name) for name in ("GeometryNodeInputSceneTime", "GeometryNodeResampleCurve", "ShaderNodeMath")
+    )
+    count.operation = "FLOOR"
+    links.new(time.outputs["Frame"], count.inputs[0])
+    links.new(count.outputs[0], more.inputs["Count"])
+    links.new(given.outputs[0], more.inputs[0])
+    links.new(more.outputs[0], left.inputs[0])
+    strands.modifiers.new("Keys", "NODES").node_group = group
+    open_shutter(scene, 2.0)
+    scene.frame_set(10)
+    description = export()
+    (mesh,) = description.meshes
+    # Straight strands, cut evenly into 9, 10 and 11 keys: of each, 10 that are evenly spread lie in the same places.
+    assert len(mesh.vertices) == 20 and description.notices == []
+    assert mesh.motion_vertices is not None
+    np.testing.assert_allclose(mesh.motion_vertices, np.repeat(mesh.vertices[None], 3, axis=0), atol=1e-4)
+
+
+def test_keys_between_those_of_others() -> None:
+    from addon.export.rounds import as_many_keys
+
+    values = np.array([[0.0], [4.0], [1.0], [2.0], [3.0], [9.0]], np.float32)
+    found = as_many_keys(values, np.array([0, 2, 5, 6]), np.array([0, 3, 5, 7]))
+    assert found.ravel().tolist() == [0.0, 2.0, 4.0, 1.0, 3.0, 9.0, 9.0]
