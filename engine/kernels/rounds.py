@@ -37,6 +37,7 @@ from engine.state.geometry import (
 )
 from engine.state.lanes import (
     POINT_FLAG_IN_PLACE,
+    POINT_FLAG_STRAND,
     POINT_FLAGS,
     POINT_INSTANCE,
     POINT_NG,
@@ -143,7 +144,8 @@ def prepare_round(geometry, points, lane, u, v, origin, direction, distance, tim
         real[lane, POINT_TANGENT + k] = tangent[k]
     # Attributes are weighed by u alone; how far across a ribbon a point is, the shading normal tells.
     real[lane, POINT_V] = 0.0
-    points.integer[lane, POINT_FLAGS] = POINT_FLAG_IN_PLACE
+    is_strand = shape != SHAPE_SPHERES
+    points.integer[lane, POINT_FLAGS] = POINT_FLAG_IN_PLACE | (POINT_FLAG_STRAND if is_strand else 0)
 
 
 @kernel

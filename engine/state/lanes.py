@@ -113,8 +113,8 @@ POINT_LIGHT = 10  # analytic light being evaluated, -1 = none
 POINT_INTEGER_WIDTH = 11
 
 POINT_FLAG_BACKFACING = 1
-#: On an instance of INSTANCE_FLAG_IN_PLACE.
-POINT_FLAG_IN_PLACE = 2
+POINT_FLAG_IN_PLACE = 2  # on an instance of INSTANCE_FLAG_IN_PLACE
+POINT_FLAG_STRAND = 4  # on a curve
 
 
 class ShadePoints(Bundle):

@@ -9,6 +9,7 @@ from engine.kernels.bsdf.kinds import (
     BUMP,
     CHIANG,
     CHIANG_WIDTHS,
+    CLOSURE_IS_ON_STRAND,
     CLOSURE_NO_BUMP_CORRECTION,
     DELTA_ALPHA_SQUARED,
     FIRST_MICROFACET,
@@ -113,7 +114,7 @@ def append_closure(closures, lane, kind, weight, n):
         is_bumped = is_bumped or n[k] != closures.ns[lane, k]
         param[lane, i, CLOSURE_N + k] = n[k]
     bump = 0.0
-    if is_bumped:
+    if is_bumped and closures.flags[lane] & CLOSURE_IS_ON_STRAND == 0:
         bump = 2.0 if closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION != 0 else 1.0
         for k in range(3):
             param[lane, i, SMOOTH_N + k] = closures.ns[lane, k]

@@ -74,6 +74,8 @@ CLOSURE_DISPERSES = 8
 CLOSURE_IS_BACK = 16
 #: The path has been scattered by something diffuse.
 CLOSURE_IS_BEHIND_DIFFUSE = 32
+#: The surface is a curve, where bumped normals are taken as they are.
+CLOSURE_IS_ON_STRAND = 64
 
 # Bits that `summarize` returns.
 HAS_EVAL = 1

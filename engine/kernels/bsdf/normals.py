@@ -3,7 +3,7 @@
 
 import math
 
-from engine.kernels.bsdf.kinds import BUMP, CLOSURE_NO_BUMP_CORRECTION, SMOOTH_N
+from engine.kernels.bsdf.kinds import BUMP, CLOSURE_IS_ON_STRAND, CLOSURE_NO_BUMP_CORRECTION, SMOOTH_N
 from engine.kernels.vector import add, dot, normalize, scale, subtract
 from engine.runtime.jit import kernel
 
@@ -51,8 +51,8 @@ def ensure_valid_specular_reflection(ng, wo, n):
 
 @kernel
 def valid_specular_normal(closures, lane, ng, wo, n):
-    """`ensure_valid_specular_reflection` unless the material turned bump correction off or `n` is `ng`."""
-    if closures.flags[lane] & CLOSURE_NO_BUMP_CORRECTION:
+    """`ensure_valid_specular_reflection` unless the material turned bump correction off, `n` is `ng`, or on curves."""
+    if closures.flags[lane] & (CLOSURE_NO_BUMP_CORRECTION | CLOSURE_IS_ON_STRAND):
         return n
     if n[0] == ng[0] and n[1] == ng[1] and n[2] == ng[2]:
         return n

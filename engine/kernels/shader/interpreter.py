@@ -4,6 +4,7 @@
 from engine.kernels.bsdf.closures import append_closure, reset_closures
 from engine.kernels.bsdf.kinds import (
     CLOSURE_IS_BEHIND_DIFFUSE,
+    CLOSURE_IS_ON_STRAND,
     CLOSURE_NO_BUMP_CORRECTION,
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
     CLOSURE_NO_REFRACTIVE_CAUSTICS,
@@ -21,7 +22,14 @@ from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
 from engine.kernels.shader.world_image import ask_for_world, shade_world
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_NS, POINT_PROGRAM, POINT_RAY_FLAGS, RAY_DIFFUSE_ANCESTOR
+from engine.state.lanes import (
+    POINT_FLAG_STRAND,
+    POINT_FLAGS,
+    POINT_NS,
+    POINT_PROGRAM,
+    POINT_RAY_FLAGS,
+    RAY_DIFFUSE_ANCESTOR,
+)
 from engine.state.shaders import (
     MODE_CLOSURES,
     MODE_EMISSION,
@@ -89,9 +97,9 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         if column == 2 * MODE_EMISSION:
             ask_for_world(programs, images, pixels_byte, pixels_float, pool, points, ahead)
         program = points.integer[lane, POINT_PROGRAM]
-        flags = 0
+        flags = (points.integer[lane, POINT_FLAGS] & POINT_FLAG_STRAND) * (CLOSURE_IS_ON_STRAND // POINT_FLAG_STRAND)
         if points.integer[lane, POINT_RAY_FLAGS] & RAY_DIFFUSE_ANCESTOR:
-            flags = caustics | CLOSURE_IS_BEHIND_DIFFUSE
+            flags |= caustics | CLOSURE_IS_BEHIND_DIFFUSE
         facts = programs[program, PROGRAM_FLAGS]
         if facts & PROGRAM_NO_BUMP_CORRECTION:
             flags |= CLOSURE_NO_BUMP_CORRECTION
