@@ -18,6 +18,8 @@ from engine.cluster.session import ClusterSession
 from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, SUMS, Answer, trace, unpack_traced
 from engine.render.session import Session
+from engine.scene.description import Mesh
+from engine.scene.rounds import ROUND, Rounds
 from engine.settings import RenderSettings
 from tests.helpers.fur_scenes import fur_on_skin
 from tests.helpers.small_scenes import corner_scene
@@ -111,6 +113,29 @@ def test_hair_and_light_below_surfaces_are_one_process_s():
     assert is_same(other, first)
     again = by_workers(WorkersHere(2), settings, scene, start=other.learned)
     assert is_same(again, by_one(settings, scene, start=first.learned))
+
+
+def strands_that_move():
+    """A strand that rises before the corner and gets thicker, while the shutter is open."""
+    scene = corner_scene(size=(96, 64))
+    keys = np.array([(-0.5, 0.0, 0.3), (0.0, 0.1, 0.5), (0.5, 0.0, 0.3)], np.float32)
+    rows = np.array([(0, 1, 0), (1, 2, 0)], np.uint32)
+    rounds = Rounds(ROUND, np.full(3, 0.1, np.float32), motion_radii=np.full((2, 3), 0.1, np.float32) * [[1.0], [2.0]])
+    moved = np.stack([keys, keys + np.float32(0.2)])
+    slots = np.zeros(2, np.int32)
+    scene.meshes.append(Mesh("strand", "Strand", keys, rows, None, slots, motion_vertices=moved, rounds=rounds))
+    scene.instances.mesh[-1] = len(scene.meshes) - 1
+    scene.shutter = (0.0, 1.0)
+    return scene
+
+
+def test_strands_that_move_come_to_workers_whole():
+    settings = RenderSettings(threads=1, seed=3, guiding_method="OFF", samples=16)
+    wanted = by_one(settings, strands_that_move())
+    assert is_same(by_workers(WorkersHere(3), settings, strands_that_move()), wanted)
+    still = strands_that_move()
+    still.meshes[-1].motion_vertices = still.meshes[-1].rounds.motion_radii = None
+    assert not is_same(by_one(settings, still), wanted)
 
 
 @pytest.mark.slow
