@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
+from engine.accel.flattened import are_flattened, attach_flattened
 from engine.accel.hierarchies import Device, EmbreeScene, MeshHierarchies
 from engine.accel.library import embree, external
 from engine.accel.masks import CATCHER_MASK_SHIFT, MASK_MEDIUM, MASK_SHADOW_TRANSPARENT
@@ -53,7 +54,7 @@ class Accelerator:
     Attributes
     ----------
     top : EmbreeScene
-        Triangles that are stored in world space, and instances of meshes.
+        Triangles that are stored in world space or flattened (`flattened.py`), and instances of other meshes.
     meshes : list of EmbreeScene
         Hierarchies of the instanced meshes, and of what stands still, where that is not in `top`.
     transparent : EmbreeScene
@@ -184,7 +185,10 @@ def build_accelerator(
             device.address, top.address, np.array([len(table)], np.int64), np.array([group.address], np.intp),
             np.array([_IDENTITY.ctypes.data], np.intp), np.ones(1, np.int64), np.array([NONE], np.uint32),
         )
-    instanced = np.flatnonzero(wanted & ~is_baked)
+    # What is moved often is attached anew each time: instances are attached sooner.
+    is_flat = are_flattened(geometry, masks) if shapes_key is None else np.zeros(len(table), np.bool_)
+    attach_flattened(device, top, geometry, np.flatnonzero(wanted & is_flat), masks)
+    instanced = np.flatnonzero(wanted & ~is_baked & ~is_flat)
     addresses = np.zeros(len(geometry.mesh_table), np.intp)
     for mesh in np.unique(table[instanced, INSTANCE_MESH]).tolist():
         meshes.append(hierarchies.of(mesh if mesh_keys is None else mesh_keys[mesh], geometry, mesh))
@@ -198,7 +202,9 @@ def build_accelerator(
     if is_small and shapes_key is None:
         transparent = EmbreeScene(device, geometry)
         _attach_standing(transparent, geometry, np.flatnonzero(is_transparent & is_baked), masks)
-        _attach_moved(device, transparent, geometry, np.flatnonzero(is_transparent & ~is_baked), masks, addresses)
+        attach_flattened(device, transparent, geometry, np.flatnonzero(is_transparent & is_flat), masks)
+        moved = np.flatnonzero(is_transparent & ~is_baked & ~is_flat)
+        _attach_moved(device, transparent, geometry, moved, masks, addresses)
         embree.rtcCommitScene(transparent.address)
     device.check()
     return Accelerator(top, meshes, transparent, masks)

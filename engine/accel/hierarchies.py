@@ -94,6 +94,10 @@ class EmbreeScene:
         # Embree frees a scene's memory after the scene has let go of its device.
         _release_with(self, embree.rtcReleaseScene, self.address, device)
 
+    def keep(self, shared: np.ndarray) -> None:
+        """Keep the memory of an array that the hierarchy reads as long as the hierarchy itself."""
+        self._shared.append(shared)
+
     def add(self, geometry: GeometryArrays, mesh: int, number: int, mask: int, *, is_filtered: bool) -> None:
         """Attach a mesh under a number; its memory stays as long as the hierarchy does.
 

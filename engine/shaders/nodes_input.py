@@ -240,7 +240,7 @@ def _normal_map(node: Node, builder: Any) -> Operation:
     name = str(node.properties.get("uv_map", ""))
     tangent_slot = -3
     uv_slot = -1
-    is_bent = builder.is_displaced and is_choice(node, builder, "base", "DISPLACED", "ORIGINAL", "ORIGINAL")
+    is_bent = is_choice(node, builder, "base", "DISPLACED", "ORIGINAL", "ORIGINAL") and builder.is_displaced
     if space == 0:
         tangent_slot = builder.attribute_slot(name + (DISPLACED_TANGENT if is_bent else TANGENT))
         uv_slot = builder.attribute_slot(name) if name else -1
