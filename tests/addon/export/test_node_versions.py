@@ -15,7 +15,7 @@ from engine.scene.description import Link, Node
     ("ShaderNodeSubsurfaceScattering", "Anisotropy"), ("ShaderNodeBsdfPrincipled", "Subsurface Anisotropy"),
 ])  # fmt: skip
 def test_backward_scattering_counts_as_even_before_blender_5_2(kind: str, name: str, monkeypatch: Any) -> None:
-    """Cycles 5.0 gives the same picture, bit for bit, for -0.6 and 0."""
+    """Means of Cycles 5.0 for -0.6 and for 0 agree in five digits."""
     monkeypatch.setattr(node_versions, "is_since", lambda since: since <= (5, 1))
     assert node_versions.modernize(Node(kind, kind, {name: -0.6}), 7)[-1].inputs[name] == 0.0
     assert node_versions.modernize(Node(kind, kind, {name: 0.4}), 7)[-1].inputs[name] == 0.4
