@@ -8,6 +8,7 @@ asks, so it is kept.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -27,13 +28,15 @@ class RememberingContext(Context):
     ----------
     context : numba.core.typing.Context
         Whose state this one shares.
+    ask : callable, optional
+        Answers what is not known; numba's own way if not given.
     """
 
-    __slots__ = ("_answers", "_context")
+    __slots__ = ("_answers", "_ask")
 
-    def __init__(self, context: Any) -> None:
+    def __init__(self, context: Any, ask: Callable[..., Any] | None = None) -> None:
         self.__dict__ = context.__dict__
-        self._context = context
+        self._ask = context.resolve_function_type if ask is None else ask
         self._answers: dict[Any, Any] = {}
 
     def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
@@ -41,14 +44,14 @@ class RememberingContext(Context):
         known = self._lookup_global(func)
         function: Any = func if known is None else known
         if kws or not isinstance(function, types.Function) or not all(_is_scalar(one) for one in args):
-            return self._context.resolve_function_type(func, args, kws)
+            return self._ask(func, args, kws)
         question = (function, *args)
         if question in self._answers:
             signature, implementation = self._answers[question]
             # Numba compiles what was found last, and somebody with other flags may have asked since.
             function._impl_keys[signature.args] = implementation
             return signature
-        signature = self._context.resolve_function_type(func, args, kws)
+        signature = self._ask(func, args, kws)
         if signature is not None and signature.args in function._impl_keys:
             self._answers[question] = signature, function._impl_keys[signature.args]
         return signature

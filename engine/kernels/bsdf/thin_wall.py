@@ -47,7 +47,7 @@ def _mirrored(n, wo):
 
 
 @kernel
-def _series(cosine, ior, f0, tint, reflects, refracts):
+def sheet_shares(cosine, ior, f0, tint, reflects, refracts):
     """Share of the light that a sheet sends back, and that it lets through: one channel's.
 
     Parameters
@@ -97,9 +97,9 @@ def add_thin_glass(closures, tables, lane, weight, wo, n, alpha, ior, specular_t
     refracts = closures.flags[lane] & CLOSURE_NO_REFRACTIVE_CAUSTICS == 0
     f0 = scale(specular_tint, f0_of_eta(ior))
     cosine = dot(n, wo)
-    r0, t0 = _series(cosine, ior, f0[0], color[0], reflects, refracts)
-    r1, t1 = _series(cosine, ior, f0[1], color[1], reflects, refracts)
-    r2, t2 = _series(cosine, ior, f0[2], color[2], reflects, refracts)
+    r0, t0 = sheet_shares(cosine, ior, f0[0], color[0], reflects, refracts)
+    r1, t1 = sheet_shares(cosine, ior, f0[1], color[1], reflects, refracts)
+    r2, t2 = sheet_shares(cosine, ior, f0[2], color[2], reflects, refracts)
     reflected = (weight[0] * r0, weight[1] * r1, weight[2] * r2)
     through = (weight[0] * t0, weight[1] * t1, weight[2] * t2)
     white = (1.0, 1.0, 1.0)

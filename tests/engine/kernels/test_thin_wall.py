@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.kernels.bsdf.thin_wall import _series as series
+from engine.kernels.bsdf.thin_wall import sheet_shares
 from engine.runtime.jit import in_python
 from tests.helpers.bsdf_harness import PRINCIPLED, Case, Lobes, at_cosine, sobol
 
@@ -35,15 +35,15 @@ def test_white_glass_loses_nothing(roughness: float, cosine: float) -> None:
 
 
 def test_light_inside_a_sheet_is_absorbed_by_the_way_that_it_takes() -> None:
-    r, t = in_python(series)(1.0, 1.0000001, 0.0, 0.3, True, True)
+    r, t = in_python(sheet_shares)(1.0, 1.0000001, 0.0, 0.3, True, True)
     assert (r, t) == pytest.approx((0.0, 0.3), abs=1e-6)
     # Under 60 degrees the way is 2 / sqrt(3) times as long by a refractive index of 1.5: 1 / cos(asin(sin(60) / 1.5)).
-    _, slanted = in_python(series)(0.5, 1.5, 0.0, 0.3, False, True)
-    side, straight = in_python(series)(0.5, 1.5, 0.0, 1.0, True, True)
+    _, slanted = in_python(sheet_shares)(0.5, 1.5, 0.0, 0.3, False, True)
+    side, straight = in_python(sheet_shares)(0.5, 1.5, 0.0, 1.0, True, True)
     assert side + straight == pytest.approx(1.0)
     length = 1.0 / np.sqrt(1.0 - 0.75 / 2.25)
     through = slanted / 0.3**length
-    _, clear = in_python(series)(0.5, 1.5, 0.0, 1.0, False, True)
+    _, clear = in_python(sheet_shares)(0.5, 1.5, 0.0, 1.0, False, True)
     assert through == pytest.approx(clear, rel=1e-5)
 
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 from numba.core import types
+from numba.core.compiler import Flags
 from numba.core.registry import cpu_target
+from numba.core.targetconfig import ConfigStack
 
 from engine.runtime.inference import RememberingContext
 
@@ -47,8 +49,7 @@ def test_answers_are_numbas(function: Any) -> None:
 def test_nothing_is_asked_twice_but_for_what_is_no_number() -> None:
     counting = _Counting()
     counting.context.refresh()
-    remembering = RememberingContext(counting.context)
-    remembering._context = counting
+    remembering = RememberingContext(counting.context, counting.resolve_function_type)
     numbers, vector = (types.float32, types.float32), types.UniTuple(types.float32, 3)
     for _ in range(3):
         remembering.resolve_function_type(operator.mul, numbers, {})
@@ -67,6 +68,10 @@ def test_an_answer_brings_back_the_implementation_that_was_found_with_it() -> No
     signature = remembering.resolve_function_type(*question)
     function = context.resolve_value_type(max)
     found = function.get_impl_key(signature)
-    function._impl_keys[signature.args] = "another"
+    flags = Flags()
+    flags.boundscheck = True
+    with ConfigStack().enter(flags):
+        context.resolve_function_type(*question)
+    assert function.get_impl_key(signature) != found
     assert remembering.resolve_function_type(*question) == signature
     assert function.get_impl_key(signature) == found
