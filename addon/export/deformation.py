@@ -136,6 +136,9 @@ class ShapeTrack:
             )
             shape.give_up()
             return
+        if not isinstance(source, bpy.types.PointCloud):
+            # As in Cycles, points swell, and strands are at all times as thick as in the middle.
+            radii = middle_radii
         # As in Cycles: keys of hair come back from the world, never quite to where they were.
         allowed = _HAIR_NOISE if shape.grows_on is not None else 0.0
         with np.errstate(invalid="ignore"):
