@@ -7,11 +7,22 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import types
 
 from engine.accel.flattened import are_flattened, attach_flattened
+from engine.accel.geometry_calls import (
+    FORMAT_FLOAT3X4_ROW_MAJOR,
+    GEOMETRY_INSTANCE,
+    attach,
+    commit,
+    new_geometry,
+    release,
+    set_instanced_scene,
+    set_mask,
+    set_time_steps,
+    set_transform,
+)
 from engine.accel.hierarchies import Device, EmbreeScene, MeshHierarchies
-from engine.accel.library import embree, external
+from engine.accel.library import embree
 from engine.accel.masks import CATCHER_MASK_SHIFT, MASK_MEDIUM, MASK_SHADOW_TRANSPARENT
 from engine.accel.ray_words import NONE
 from engine.runtime.jit import kernel
@@ -27,22 +38,9 @@ from engine.state.geometry import (
     GeometryArrays,
 )
 
-# Embree 4 API constants (rtcore headers).
-_GEOMETRY_INSTANCE = 121
-_FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134
 _TRANSFORM_BYTES = 48
 #: Up to this share of a scene's triangles, transparent casters of shadows get a hierarchy of their own.
 _LARGEST_TRANSPARENT_SHARE = 0.05
-
-# A hundred thousand instances are attached by a kernel: through ctypes it would take longer than building the tree.
-_new_geometry = external("rtcNewGeometry", types.intp(types.intp, types.int32))
-_set_instanced_scene = external("rtcSetGeometryInstancedScene", types.void(types.intp, types.intp))
-_set_time_steps = external("rtcSetGeometryTimeStepCount", types.void(types.intp, types.uint32))
-_set_transform = external("rtcSetGeometryTransform", types.void(types.intp, types.uint32, types.int32, types.intp))
-_set_mask = external("rtcSetGeometryMask", types.void(types.intp, types.uint32))
-_commit = external("rtcCommitGeometry", types.void(types.intp))
-_attach = external("rtcAttachGeometryByID", types.void(types.intp, types.intp, types.uint32))
-_release = external("rtcReleaseGeometry", types.void(types.intp))
 
 _IDENTITY = np.eye(3, 4, dtype=np.float32)
 
@@ -88,16 +86,16 @@ class Accelerator:
 def _attach_instances(device, top, indices, scenes, transforms, key_counts, masks):
     """Attach instance geometries; scenes and transforms, intp (K,), are addresses, of so many keys in a row."""
     for k in range(indices.shape[0]):
-        handle = _new_geometry(device, np.int32(_GEOMETRY_INSTANCE))
-        _set_instanced_scene(handle, scenes[k])
-        _set_time_steps(handle, np.uint32(key_counts[k]))
+        handle = new_geometry(device, np.int32(GEOMETRY_INSTANCE))
+        set_instanced_scene(handle, scenes[k])
+        set_time_steps(handle, np.uint32(key_counts[k]))
         for key in range(key_counts[k]):
             address = transforms[k] + key * _TRANSFORM_BYTES
-            _set_transform(handle, np.uint32(key), np.int32(_FORMAT_FLOAT3X4_ROW_MAJOR), address)
-        _set_mask(handle, masks[k])
-        _commit(handle)
-        _attach(top, handle, np.uint32(indices[k]))
-        _release(handle)
+            set_transform(handle, np.uint32(key), np.int32(FORMAT_FLOAT3X4_ROW_MAJOR), address)
+        set_mask(handle, masks[k])
+        commit(handle)
+        attach(top, handle, np.uint32(indices[k]))
+        release(handle)
 
 
 def _attach_standing(

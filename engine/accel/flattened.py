@@ -9,10 +9,22 @@ alone has copies.
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
+from engine.accel.geometry_calls import (
+    BUFFER_INDEX,
+    BUFFER_VERTEX,
+    FORMAT_FLOAT3,
+    FORMAT_UINT3,
+    GEOMETRY_TRIANGLE,
+    attach,
+    commit,
+    new_geometry,
+    release,
+    set_buffer,
+    set_filtered,
+    set_mask,
+)
 from engine.accel.hierarchies import Device, EmbreeScene
-from engine.accel.library import external
 from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_TRANSPARENT
 from engine.array_types import Int64Array
 from engine.runtime.jit import kernel
@@ -32,32 +44,12 @@ from engine.state.geometry import (
     GeometryArrays,
 )
 
-# Embree 4 API constants (rtcore headers).
-_GEOMETRY_TRIANGLE = 0
-_BUFFER_INDEX = 0
-_BUFFER_VERTEX = 1
-_FORMAT_UINT3 = 0x5003
-_FORMAT_FLOAT3 = 0x9003
 _CORNERS_BYTES = 12
 
 #: Meshes of so many triangles take about as much memory in the world as their instances would.
 _SMALL = 16
 #: Triangles of larger meshes that are flattened, at some 120 bytes each.
 _MOST_TRIANGLES = 1 << 20
-
-# As instances are attached in `accelerator.py`: through ctypes a hundred thousand calls would take seconds.
-_new_geometry = external("rtcNewGeometry", types.intp(types.intp, types.int32))
-_set_buffer = external(
-    "rtcSetSharedGeometryBuffer",
-    types.void(types.intp, types.int32, types.uint32, types.int32, types.intp, types.intp, types.intp, types.intp),
-)
-_set_mask = external("rtcSetGeometryMask", types.void(types.intp, types.uint32))
-_set_filtered = external("rtcSetGeometryEnableFilterFunctionFromArguments", types.void(types.intp, types.boolean))
-_commit = external("rtcCommitGeometry", types.void(types.intp))
-_attach = external("rtcAttachGeometryByID", types.void(types.intp, types.intp, types.uint32))
-_release = external("rtcReleaseGeometry", types.void(types.intp))
-
-
 def are_flattened(geometry: GeometryArrays, masks: np.ndarray) -> np.ndarray:
     """Which instances are: bool (I,). Of triangles that stand still, those of small meshes, and of others the smallest.
 
@@ -128,17 +120,17 @@ def _place(vertices, transforms, rows, first_vertices, counts, places):
 def _attach_triangles(device, scene, ids, vertices, vertex_counts, corners, triangle_counts, masks, are_filtered):
     """Attach geometries: `vertices` and `corners`, intp (K,), are the addresses of their buffers."""
     for k in range(ids.shape[0]):
-        handle = _new_geometry(device, np.int32(_GEOMETRY_TRIANGLE))
-        _set_buffer(
-            handle, np.int32(_BUFFER_VERTEX), np.uint32(0), np.int32(_FORMAT_FLOAT3), vertices[k], 0, _CORNERS_BYTES,
+        handle = new_geometry(device, np.int32(GEOMETRY_TRIANGLE))
+        set_buffer(
+            handle, np.int32(BUFFER_VERTEX), np.uint32(0), np.int32(FORMAT_FLOAT3), vertices[k], 0, _CORNERS_BYTES,
             vertex_counts[k],
         )
-        _set_buffer(
-            handle, np.int32(_BUFFER_INDEX), np.uint32(0), np.int32(_FORMAT_UINT3), corners[k], 0, _CORNERS_BYTES,
+        set_buffer(
+            handle, np.int32(BUFFER_INDEX), np.uint32(0), np.int32(FORMAT_UINT3), corners[k], 0, _CORNERS_BYTES,
             triangle_counts[k],
         )
-        _set_mask(handle, masks[k])
-        _set_filtered(handle, are_filtered[k])
-        _commit(handle)
-        _attach(scene, handle, np.uint32(ids[k]))
-        _release(handle)
+        set_mask(handle, masks[k])
+        set_filtered(handle, are_filtered[k])
+        commit(handle)
+        attach(scene, handle, np.uint32(ids[k]))
+        release(handle)

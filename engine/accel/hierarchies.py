@@ -8,6 +8,13 @@ from collections.abc import Callable, Hashable, Iterable
 
 import numpy as np
 
+from engine.accel.geometry_calls import (
+    BUFFER_INDEX,
+    BUFFER_VERTEX,
+    FORMAT_FLOAT3,
+    FORMAT_UINT3,
+    GEOMETRY_TRIANGLE,
+)
 from engine.accel.library import embree
 from engine.accel.rounds import round_geometry
 from engine.scene.content import Kept
@@ -26,11 +33,6 @@ from engine.state.geometry import (
 )
 
 # Embree 4 API constants (rtcore headers).
-_GEOMETRY_TRIANGLE = 0
-_BUFFER_INDEX = 0
-_BUFFER_VERTEX = 1
-_FORMAT_UINT3 = 0x5003
-_FORMAT_FLOAT3 = 0x9003
 _SCENE_COMPACT = 1 << 1
 _SCENE_ROBUST = 1 << 2
 _BUILD_QUALITY_HIGH = 2
@@ -161,7 +163,7 @@ class MeshHierarchies:
 def triangle_geometry(device: Device, geometry: GeometryArrays, mesh: int) -> int:
     """Address of a new geometry of one mesh, in motion if it moves; the caller commits, attaches and releases it."""
     row = geometry.mesh_table[mesh]
-    handle = embree.rtcNewGeometry(device.address, _GEOMETRY_TRIANGLE)
+    handle = embree.rtcNewGeometry(device.address, GEOMETRY_TRIANGLE)
     vertices, indices = geometry.vertices, geometry.triangles
     # Vertex numbers in `triangles` are global, so the whole vertex array is the buffer and nothing is copied.
     # So are those of a mesh's steps, seen from so far before that its numbers fit.
@@ -176,14 +178,14 @@ def triangle_geometry(device: Device, geometry: GeometryArrays, mesh: int) -> in
     for step, start in enumerate(starts):
         address = vertices.ctypes.data + start * vertices.strides[0]
         embree.rtcSetSharedGeometryBuffer(
-            handle, _BUFFER_VERTEX, step, _FORMAT_FLOAT3, address, 0, vertices.strides[0], count
+            handle, BUFFER_VERTEX, step, FORMAT_FLOAT3, address, 0, vertices.strides[0], count
         )
     first = int(row[MESH_FIRST_TRIANGLE])
     embree.rtcSetSharedGeometryBuffer(
         handle,
-        _BUFFER_INDEX,
+        BUFFER_INDEX,
         0,
-        _FORMAT_UINT3,
+        FORMAT_UINT3,
         indices.ctypes.data + first * indices.strides[0],
         0,
         indices.strides[0],

@@ -7,6 +7,12 @@ import numpy as np
 
 from engine.accel.called import address_of
 from engine.accel.filters import cull
+from engine.accel.geometry_calls import (
+    BUFFER_INDEX,
+    BUFFER_VERTEX,
+    FORMAT_FLOAT4,
+    FORMAT_UINT,
+)
 from engine.accel.library import embree
 from engine.state.geometry import (
     MESH_FIRST_RADIUS,
@@ -27,10 +33,6 @@ from engine.state.geometry import (
 )
 
 # Embree 4 API constants (rtcore headers).
-_BUFFER_INDEX = 0
-_BUFFER_VERTEX = 1
-_FORMAT_UINT = 0x5001
-_FORMAT_FLOAT4 = 0x9004
 _GEOMETRY_TYPES = {SHAPE_ROUND_LINEAR: 16, SHAPE_SPHERES: 50, SHAPE_ROUND: 58, SHAPE_RIBBONS: 59}
 _PROPERTY_CULLS_SPHERES, _PROPERTY_CULLS_CURVES = 62, 63
 _PROPERTY_HAS_CURVES, _PROPERTY_HAS_SPHERES = 99, 101
@@ -114,7 +116,7 @@ def round_geometry(device: int, geometry: GeometryArrays, mesh: int) -> tuple[in
         firsts, vertices = control_points(rows, _ENDS[shape])
         embree.rtcSetGeometryTessellationRate(handle, float(row[MESH_SUBDIVISIONS] + 1))
         shared.append(firsts)
-        embree.rtcSetSharedGeometryBuffer(handle, _BUFFER_INDEX, 0, _FORMAT_UINT, firsts.ctypes.data, 0, 4, count)
+        embree.rtcSetSharedGeometryBuffer(handle, BUFFER_INDEX, 0, FORMAT_UINT, firsts.ctypes.data, 0, 4, count)
     steps, motion = [-1], int(row[MESH_MOTION])
     if motion >= 0:
         steps = list(range(int(geometry.motion_table[motion, MOTION_STEP_COUNT])))
@@ -123,7 +125,7 @@ def round_geometry(device: int, geometry: GeometryArrays, mesh: int) -> tuple[in
         points = _points_at(geometry, row, vertices, step)
         shared.append(points)
         embree.rtcSetSharedGeometryBuffer(
-            handle, _BUFFER_VERTEX, number, _FORMAT_FLOAT4, points.ctypes.data, 0, 16, len(points)
+            handle, BUFFER_VERTEX, number, FORMAT_FLOAT4, points.ctypes.data, 0, 16, len(points)
         )
     # What is round is met from outside, as in Cycles. Blender's library does it by itself.
     culls = embree.rtcGetDeviceProperty(device, _PROPERTY_CULLS_CURVES if is_curve else _PROPERTY_CULLS_SPHERES)

@@ -92,3 +92,17 @@ def stand_in(panel: Any, layout: Any) -> Any:
 
     ours = tuple(base for base in panel.__bases__ if base is not bpy.types.Panel)
     return type("StandIn", ours, {"layout": layout})()
+
+
+def displacing_material() -> Any:
+    """A material that moves its surface, by the same everywhere."""
+    import bpy
+
+    material = bpy.data.materials.new("Hills")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    tree.links.new(tree.nodes.new("ShaderNodeDisplacement").outputs[0], output.inputs["Displacement"])
+    material.displacement_method = "DISPLACEMENT"
+    return material

@@ -232,13 +232,19 @@ def test_geometry_nodes(scene: Any) -> None:
 # Strands and points
 
 
-def _add_nodes(owner: Any, moved: str) -> None:
-    """Geometry nodes that shift what is there by the frame along z, and make radii of the frame."""
+def _empty_nodes(name: str) -> Any:
+    """A tree of geometry nodes with the sockets of a modifier's."""
     import bpy
 
-    group = bpy.data.node_groups.new("Rise", "GeometryNodeTree")
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    return group
+
+
+def _add_nodes(owner: Any, moved: str) -> None:
+    """Geometry nodes that shift what is there by the frame along z, and make radii of the frame."""
+    group = _empty_nodes("Rise")
     nodes, links = group.nodes, group.links
     given, left = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
     time = nodes.new("GeometryNodeInputSceneTime")
@@ -341,12 +347,8 @@ def test_hair_that_is_carried_keeps_its_shape(scene: Any) -> None:
 
 
 def test_strands_that_become_more_are_not_blurred(scene: Any) -> None:
-    import bpy
-
     strands = _add_strands(scene)
-    group = bpy.data.node_groups.new("More", "GeometryNodeTree")
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    group = _empty_nodes("More")
     nodes, links = group.nodes, group.links
     given, left = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
     time = nodes.new("GeometryNodeInputSceneTime")
@@ -364,12 +366,8 @@ def test_strands_that_become_more_are_not_blurred(scene: Any) -> None:
 
 def test_strands_that_get_other_keys_are_followed_by_evenly_spread_ones(scene: Any) -> None:
     """As in Cycles."""
-    import bpy
-
     strands = _add_strands(scene)
-    group = bpy.data.node_groups.new("Keys", "GeometryNodeTree")
-    group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    group = _empty_nodes("Keys")
     nodes, links = group.nodes, group.links
     given, left = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
     time, more, count = (

@@ -15,7 +15,7 @@ from addon.versions import NORMALS_STOP_AT_FLAT_FACES, SETTINGS, is_since  # noq
 from engine.builder.dicing import dice  # noqa: E402
 from engine.scene.attribute_names import FANS, SMOOTH, VERTEX_NORMALS  # noqa: E402
 from engine.scene.description import Mesh  # noqa: E402
-from tests.helpers.blender_scenes import empty_scene, render_and_export  # noqa: E402
+from tests.helpers.blender_scenes import displacing_material, empty_scene, render_and_export  # noqa: E402
 
 needs_dicing = pytest.mark.skipif(
     not is_since(SETTINGS["use_adaptive_subdivision"].since), reason="this Blender subdivides before it is asked to"
@@ -26,13 +26,7 @@ def displaced(vertices: list, faces: list, edges: tuple = (), kind: str = "SIMPL
     """An object with adaptive subdivision that its material displaces, in a scene with a camera 5 m above."""
     scene = empty_scene()
     scene.camera.location.z = 5.0
-    material = bpy.data.materials.new("Hills")
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
-    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
-    tree.links.new(tree.nodes.new("ShaderNodeDisplacement").outputs[0], output.inputs["Displacement"])
-    material.displacement_method = "DISPLACEMENT"
+    material = displacing_material()
     mesh = bpy.data.meshes.new("Mesh")
     mesh.from_pydata(vertices, list(edges), faces)
     mesh.materials.append(material)

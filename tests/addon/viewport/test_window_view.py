@@ -17,6 +17,7 @@ from addon.viewport import host as host_module  # noqa: E402
 from addon.viewport import window_view  # noqa: E402
 from engine.viewport.protocol import DEAD, DONE, Status  # noqa: E402
 from engine.viewport.view import Update  # noqa: E402
+from tests.helpers.blender_scenes import displacing_material  # noqa: E402
 
 
 class FakeProcess:
@@ -306,13 +307,7 @@ def test_what_a_material_shows_of_an_object_is_read_again(window: Window) -> Non
 
 def displaced_plane() -> Any:
     """A plane with adaptive subdivision, beside the cube, that its material moves."""
-    material = bpy.data.materials.new("Hills")
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
-    output = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
-    tree.links.new(tree.nodes.new("ShaderNodeDisplacement").outputs[0], output.inputs["Displacement"])
-    material.displacement_method = "DISPLACEMENT"
+    material = displacing_material()
     mesh = bpy.data.meshes.new("Plane")
     mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
     mesh.materials.append(material)
