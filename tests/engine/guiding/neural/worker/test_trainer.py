@@ -351,14 +351,20 @@ needs_torch = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reas
 def test_real_worker_trains_in_the_background():
     with NetworkTrainer(SHAPE, settings=SETTINGS, training_share=1.0) as trainer:
         received = None
-        for part in itertools.count():
-            trainer.submit(some_records(1000, part), 1000)
+        parts = itertools.count()
+
+        def has_learned():
+            """Whether a network of 20 steps or more is better than none.
+
+            How many steps that takes depends on which records the worker has by then.
+            """
+            nonlocal received
+            trainer.submit(some_records(1000, next(parts)), 1000)
             received = trainer.poll() or received
             assert trainer.status.state is not TrainerState.DEAD, trainer.status.message
-            if received is not None and received.step >= 20:
-                break
-            time.sleep(0.1)
-        assert received.step >= 20 and received.loss < 1.0
+            return received is not None and received.step >= 20 and received.loss < 1.0
+
+        wait_until(has_learned)
         np.testing.assert_allclose(received.scale, 1.5, rtol=0.1)
         wait_until(lambda: trainer.status.state is TrainerState.IDLE)
     assert trainer.status.message == "closed"
