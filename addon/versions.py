@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import bpy
@@ -68,6 +69,18 @@ SETTINGS: dict[str, Setting] = {
     "latitude_max": Setting((5, 0), None, "latitude_max"),
     "longitude_min": Setting((5, 0), None, "longitude_min"),
     "longitude_max": Setting((5, 0), None, "longitude_max"),
+    "fisheye_fov": Setting((5, 0), None, "fisheye_fov"),
+    "fisheye_lens": Setting((5, 0), None, "fisheye_lens"),
+    "fisheye_polynomial_k0": Setting((5, 0), 0.0, "fisheye_polynomial_k0"),
+    "fisheye_polynomial_k1": Setting((5, 0), 0.0, "fisheye_polynomial_k1"),
+    "fisheye_polynomial_k2": Setting((5, 0), 0.0, "fisheye_polynomial_k2"),
+    "fisheye_polynomial_k3": Setting((5, 0), 0.0, "fisheye_polynomial_k3"),
+    "fisheye_polynomial_k4": Setting((5, 0), 0.0, "fisheye_polynomial_k4"),
+    "central_cylindrical_range_u_min": Setting((5, 0), -math.pi, "central_cylindrical_range_u_min"),
+    "central_cylindrical_range_u_max": Setting((5, 0), math.pi, "central_cylindrical_range_u_max"),
+    "central_cylindrical_range_v_min": Setting((5, 0), -1.0, "central_cylindrical_range_v_min"),
+    "central_cylindrical_range_v_max": Setting((5, 0), 1.0, "central_cylindrical_range_v_max"),
+    "central_cylindrical_radius": Setting((5, 0), 1.0, "central_cylindrical_radius"),
     # Light
     "exposure": Setting((4, 5), 0.0),
     "normalize": Setting((4, 5), True),

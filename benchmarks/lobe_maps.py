@@ -192,7 +192,7 @@ def panorama(description: SceneDescription, surface: Surface, rows: int) -> Scen
     world = description.world
     return replace(
         description,
-        camera=Camera("PANO_EQUIRECTANGULAR", camera_matrix, clip_start=near, clip_end=1e10),
+        camera=Camera("PANO", camera_matrix, clip_start=near, clip_end=1e10),
         frame=Frame(2 * rows, rows, (0, 0, 2 * rows, rows)),
         instances=replace(
             description.instances, visibility=_seen_by(description.instances.visibility, kind).astype(np.uint32)

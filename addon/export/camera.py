@@ -14,14 +14,11 @@ from engine.scene.description import Camera, Frame
 
 from ..declared_settings import SCENE_SETTINGS
 from ..shared_settings import setting_source
-from ..versions import read_setting
 from .context import ExportContext
+from .panorama import read_eye, read_panorama, uses_spherical_stereo
 
 if TYPE_CHECKING:
     import bpy
-
-#: The only panorama the engine has.
-EQUIRECTANGULAR = "EQUIRECTANGULAR"
 
 
 def find_camera(context: ExportContext) -> bpy.types.Object:
@@ -80,14 +77,13 @@ def export_camera(context: ExportContext, camera_object: bpy.types.Object) -> Ca
         aperture_blades=dof.aperture_blades,
         aperture_rotation=dof.aperture_rotation,
         aperture_ratio=dof.aperture_ratio,
+        eye=read_eye(context, camera_object),
     )
     if data.type == "PANO":
-        _set_panorama(context, camera_object, camera)
+        camera.panorama = read_panorama(context, data, (camera.shift_x, camera.shift_y))
     elif data.type == "CUSTOM":
         context.notice(camera_object.name, "a camera scripted in OSL is not supported", "perspective camera")
         camera.kind = "PERSP"
-    if context.scene.render.use_multiview:
-        context.notice(context.scene.name, "stereoscopy is not supported", "one view, from the camera itself")
     return camera
 
 
@@ -150,13 +146,16 @@ def film_exposure(scene: bpy.types.Scene) -> float:
 
 def _model_matrix(context: ExportContext, camera_object: bpy.types.Object) -> Float32Array:
     if context.engine is not None:
-        return np.array(context.engine.camera_model_matrix(camera_object), np.float32).reshape(4, 4)
+        is_spherical = uses_spherical_stereo(context, camera_object)
+        matrix = context.engine.camera_model_matrix(camera_object, use_spherical_stereo=is_spherical)
+        return np.array(matrix, np.float32).reshape(4, 4)
     return np.array(camera_object.matrix_world, np.float32)
 
 
 def _shift_x(context: ExportContext, camera_object: bpy.types.Object) -> float:
     if context.engine is not None:
-        return float(context.engine.camera_shift_x(camera_object))
+        is_spherical = uses_spherical_stereo(context, camera_object)
+        return float(context.engine.camera_shift_x(camera_object, use_spherical_stereo=is_spherical))
     return float(camera_object.data.shift_x)
 
 
@@ -181,22 +180,7 @@ def _focus_distance(camera_object: bpy.types.Object, transform: Float32Array) ->
     return float(abs(np.dot(transform[:3, 2], offset)))
 
 
-def _set_panorama(context: ExportContext, camera_object: bpy.types.Object, camera: Camera) -> None:
-    data = camera_object.data
-    kind = read_setting(data, "panorama_type")
-    camera.kind = "PANO_EQUIRECTANGULAR"
-    if kind != EQUIRECTANGULAR:
-        context.notice(camera_object.name, f"panorama type {kind} is not supported", "full equirectangular panorama")
-        return
-    for name in ("latitude_min", "latitude_max", "longitude_min", "longitude_max"):
-        value = read_setting(data, name)
-        if value is not None:
-            setattr(camera, name, value)
-
-
-def _camera_of_other_object(
-    context: ExportContext, camera_object: bpy.types.Object, transform: Float32Array
-) -> Camera:
+def _camera_of_other_object(context: ExportContext, camera_object: bpy.types.Object, transform: Float32Array) -> Camera:
     """Blender lets any object be the camera; a light is looked through with the opening of its spot."""
     lens = 50.0
     if camera_object.type == "LIGHT":

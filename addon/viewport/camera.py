@@ -51,14 +51,11 @@ def read_view(
         if camera_object.type == "CAMERA":
             corners = np.array(camera_object.data.view_frame(scene=scene.original), np.float32)
             frame = frame_in_window(corners, plane, is_perspective=is_perspective)
-        if camera.kind == "PANO_EQUIRECTANGULAR":
-            longitude = camera.longitude_min, camera.longitude_max
-            plane = panorama_plane(frame, longitude, (camera.latitude_min, camera.latitude_max))
+        if camera.kind == "PANO":
+            plane = panorama_plane(frame, camera.panorama.window)
         render = scene.render
         if render.use_border:
-            border = within(
-                frame, (render.border_min_x, render.border_min_y, render.border_max_x, render.border_max_y)
-            )
+            border = within(frame, (render.border_min_x, render.border_min_y, render.border_max_x, render.border_max_y))
     transform = np.linalg.inv(np.array(region_3d.view_matrix, np.float64)).astype(np.float32)
     pixels: Region = (0, 0, width, height) if border is None else border_region(width, height, border)
     return View(replace(camera, transform=transform), plane, width, height, pixels, film_exposure(scene))

@@ -80,10 +80,9 @@ def within(
     )  # fmt: skip
 
 
-def panorama_plane(frame: tuple[float, float, float, float], longitude: tuple[float, float],
-                   latitude: tuple[float, float]) -> Plane:  # fmt: skip
-    """Longitudes and latitudes [rad] at a window's edges, where the camera's frame shows the given ranges."""
-    across = (longitude[1] - longitude[0]) / (frame[2] - frame[0])
-    up = (latitude[1] - latitude[0]) / (frame[3] - frame[1])
-    left, bottom = longitude[0] - frame[0] * across, latitude[0] - frame[1] * up
+def panorama_plane(frame: tuple[float, float, float, float], shown: tuple[float, float, float, float]) -> Plane:
+    """Film coordinates at a window's edges, where the camera's frame shows `shown` (left, right, bottom, top)."""
+    across = (shown[1] - shown[0]) / (frame[2] - frame[0])
+    up = (shown[3] - shown[2]) / (frame[3] - frame[1])
+    left, bottom = shown[0] - frame[0] * across, shown[2] - frame[1] * up
     return Plane(left, left + across, bottom, bottom + up)

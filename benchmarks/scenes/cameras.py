@@ -97,6 +97,61 @@ def panorama_range() -> None:
     data.longitude_min, data.longitude_max = math.radians(-70), math.radians(100)
 
 
+def _small_panorama(kind: str) -> Any:
+    """The studio from between the objects, in a square; the camera's data."""
+    panorama()
+    resolution(96, 72)
+    data = bpy.context.scene.camera.data
+    data.panorama_type = kind
+    return data
+
+
+@scene("camera-mirror-ball")
+def mirror_ball() -> None:
+    """What a mirror ball reflects; black beside it."""
+    _small_panorama("MIRRORBALL")
+
+
+@scene("camera-cubemap-face")
+def cubemap_face() -> None:
+    """A face of a cube map, at even angles."""
+    _small_panorama("EQUIANGULAR_CUBEMAP_FACE")
+
+
+@scene("camera-fisheye")
+def fisheye() -> None:
+    """An equidistant fisheye of 220 degrees with depth of field and a shifted film."""
+    data = _small_panorama("FISHEYE_EQUIDISTANT")
+    data.fisheye_fov = math.radians(220)
+    data.shift_x, data.shift_y = 0.1, -0.05
+    data.dof.use_dof, data.dof.focus_distance, data.dof.aperture_fstop = True, 1.0, 0.3
+    data.dof.aperture_blades, data.dof.aperture_ratio = 5, 1.5
+
+
+@scene("camera-fisheye-equisolid")
+def fisheye_equisolid() -> None:
+    """A fisheye that keeps areas, on a full frame."""
+    data = _small_panorama("FISHEYE_EQUISOLID")
+    data.fisheye_lens, data.fisheye_fov = 10.0, math.radians(160)
+
+
+@scene("camera-fisheye-polynomial")
+def fisheye_polynomial() -> None:
+    """A fisheye by a polynomial, on a sensor fitted by its height."""
+    data = _small_panorama("FISHEYE_LENS_POLYNOMIAL")
+    data.sensor_fit, data.sensor_height = "VERTICAL", 24.0
+    data.fisheye_polynomial_k1, data.fisheye_polynomial_k2, data.fisheye_polynomial_k3 = -0.09, 1e-3, -2e-5
+
+
+@scene("camera-cylinder")
+def cylinder() -> None:
+    """A cylinder of another radius, not the whole way round."""
+    data = _small_panorama("CENTRAL_CYLINDRICAL")
+    data.central_cylindrical_range_u_min, data.central_cylindrical_range_u_max = -2.5, 2.0
+    data.central_cylindrical_range_v_min, data.central_cylindrical_range_v_max = -1.0, 1.5
+    data.central_cylindrical_radius = 1.5
+
+
 @scene("camera-clipping")
 def clipping() -> None:
     """Near and far clipping cut the sphere and the background."""

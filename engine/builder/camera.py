@@ -7,17 +7,21 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.builder.motion import interpolation_keys
+from engine.builder.panorama import fill_eye, fill_panorama
 from engine.scene.description import Camera, Frame
 from engine.state.camera import (
     CAMERA_BLADE_ROTATION,
     CAMERA_BLADES,
     CAMERA_CLIP_END,
     CAMERA_CLIP_START,
+    CAMERA_CONVERGENCE,
     CAMERA_FOCUS,
     CAMERA_INVERSE_RATIO,
     CAMERA_IS_ZOOMING,
     CAMERA_KIND,
     CAMERA_LENS_RADIUS,
+    CAMERA_MERGE_FROM,
+    CAMERA_MERGE_TO,
     CAMERA_OFFSET_X,
     CAMERA_OFFSET_Y,
     CAMERA_ROLLING,
@@ -28,14 +32,17 @@ from engine.state.camera import (
     CAMERA_ZOOM_CLOSING,
     CAMERA_ZOOM_OPENING,
     FILTER_TABLE_SIZE,
-    KIND_EQUIRECTANGULAR,
     KIND_ORTHOGRAPHIC,
+    KIND_PANORAMA,
     KIND_PERSPECTIVE,
     SHUTTER_TABLE_SIZE,
     CameraArrays,
 )
 
-_KINDS = {"PERSP": KIND_PERSPECTIVE, "ORTHO": KIND_ORTHOGRAPHIC, "PANO_EQUIRECTANGULAR": KIND_EQUIRECTANGULAR}
+#: Both eyes look in parallel, and merge nowhere.
+_MAY_BE_INFINITE = (CAMERA_CONVERGENCE, CAMERA_MERGE_FROM, CAMERA_MERGE_TO)
+
+_KINDS = {"PERSP": KIND_PERSPECTIVE, "ORTHO": KIND_ORTHOGRAPHIC, "PANO": KIND_PANORAMA}
 
 
 def build_camera(
@@ -73,11 +80,8 @@ def build_camera(
     by_width = camera.sensor_fit != "VERTICAL"
     aspect = x_ratio / y_ratio if horizontal else y_ratio / x_ratio
     half_x, half_y = (aspect, 1.0) if horizontal else (1.0, aspect)
-    if kind == KIND_EQUIRECTANGULAR:
-        row[CAMERA_SCALE_X] = (camera.longitude_max - camera.longitude_min) / frame.width
-        row[CAMERA_OFFSET_X] = camera.longitude_min
-        row[CAMERA_SCALE_Y] = (camera.latitude_max - camera.latitude_min) / frame.height
-        row[CAMERA_OFFSET_Y] = camera.latitude_min
+    if kind == KIND_PANORAMA:
+        fill_panorama(row, camera, frame)
     else:
         if kind == KIND_ORTHOGRAPHIC:
             scale = camera.ortho_scale / (2.0 * aspect)
@@ -95,6 +99,7 @@ def build_camera(
         lens = camera.lens * 1e-3 if kind != KIND_ORTHOGRAPHIC else 1.0
         row[CAMERA_LENS_RADIUS] = lens / (2.0 * max(camera.aperture_fstop, 1e-5))
         row[CAMERA_FOCUS] = max(camera.focus_distance, 1e-5)
+    fill_eye(row, camera.eye)
     row[CAMERA_BLADES] = camera.aperture_blades if camera.aperture_blades >= 3 else 0
     row[CAMERA_BLADE_ROTATION] = camera.aperture_rotation
     row[CAMERA_INVERSE_RATIO] = 1.0 / max(camera.aperture_ratio, 1e-5)
@@ -111,7 +116,7 @@ def build_camera(
     if rolling_shutter_duration < 1.0:
         row[CAMERA_ROLLING] = 1.0 - max(rolling_shutter_duration, 0.0)
     row[CAMERA_ROW_COUNT] = frame.height
-    if not np.isfinite(row).all():
+    if not np.isfinite(np.delete(row, _MAY_BE_INFINITE)).all():
         raise ValueError("the camera has a setting that is NaN or infinity: check its keyframes and drivers")
     table = filter_table(pixel_filter, filter_width)
     return CameraArrays(row.astype(np.float32), table, motion, shutter_table(shutter_curve))

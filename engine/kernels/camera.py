@@ -7,14 +7,25 @@ import numpy as np
 
 from engine.kernels.constants import TWO_PI
 from engine.kernels.motion import apply_direction, apply_point, matrix_between
+from engine.kernels.panorama import move_eye, panorama_direction, panorama_lens
 from engine.kernels.rounding import floor_of
-from engine.kernels.vector import add, normalize, scale, subtract, transform_direction, transform_point
+from engine.kernels.vector import (
+    add,
+    dot,
+    length,
+    normalize,
+    scale,
+    subtract,
+    transform_direction,
+    transform_point,
+)
 from engine.runtime.jit import kernel
 from engine.state.camera import (
     CAMERA_BLADE_ROTATION,
     CAMERA_BLADES,
     CAMERA_CLIP_END,
     CAMERA_CLIP_START,
+    CAMERA_EYE_OFFSET,
     CAMERA_FOCUS,
     CAMERA_INVERSE_RATIO,
     CAMERA_IS_ZOOMING,
@@ -28,8 +39,8 @@ from engine.state.camera import (
     CAMERA_SCALE_Y,
     CAMERA_ZOOM_CLOSING,
     CAMERA_ZOOM_OPENING,
-    KIND_EQUIRECTANGULAR,
     KIND_ORTHOGRAPHIC,
+    KIND_PANORAMA,
     KIND_PERSPECTIVE,
 )
 
@@ -106,7 +117,7 @@ def generate_ray(camera, motion, x, y, lens_u, lens_v, time):
 
     Returns
     -------
-    origin, direction : 3-tuples, world
+    origin, direction : 3-tuples, world; direction 0 where a panorama's film sees nothing
     near, far : float32, distances between which the camera sees
     radius, spread : float32, compact ray differential
     """
@@ -122,11 +133,14 @@ def generate_ray(camera, motion, x, y, lens_u, lens_v, time):
         position = (film_x, film_y, 0.0)
         direction = (0.0, 0.0, -1.0)
         radius = camera[CAMERA_SCALE_X]
-    elif kind == KIND_EQUIRECTANGULAR:
-        # Longitude 0 looks along local -z, growing to the right; latitude up.
-        horizontal = math.cos(film_y)
-        direction = (math.sin(film_x) * horizontal, math.sin(film_y), -math.cos(film_x) * horizontal)
-        spread = 0.5 * (abs(camera[CAMERA_SCALE_X]) * horizontal + abs(camera[CAMERA_SCALE_Y]))
+    elif kind == KIND_PANORAMA:
+        direction = panorama_direction(camera, film_x, film_y)
+        if dot(direction, direction) == 0.0:
+            return position, direction, near, far, radius, spread
+        direction = normalize(direction)
+        beside = panorama_direction(camera, film_x + camera[CAMERA_SCALE_X], film_y)
+        above = panorama_direction(camera, film_x, film_y + camera[CAMERA_SCALE_Y])
+        spread = 0.5 * (length(subtract(normalize(beside), direction)) + length(subtract(normalize(above), direction)))
     else:
         if camera[CAMERA_IS_ZOOMING] > 0.0:
             zoom = zoom_at(camera, time)
@@ -142,16 +156,10 @@ def generate_ray(camera, motion, x, y, lens_u, lens_v, time):
         lens_x, lens_y = sample_aperture(camera, lens_u, lens_v)
         lens_x *= camera[CAMERA_LENS_RADIUS]
         lens_y *= camera[CAMERA_LENS_RADIUS]
-        if kind == KIND_EQUIRECTANGULAR:
-            # The lens faces the view direction: its tangents are east and north there.
-            east = (math.cos(film_x), 0.0, math.sin(film_x))
-            north = (
-                -math.sin(film_x) * math.sin(film_y),
-                math.cos(film_y),
-                math.cos(film_x) * math.sin(film_y),
-            )
+        if kind == KIND_PANORAMA:
+            across, up = panorama_lens(camera, direction)
             focus = scale(direction, camera[CAMERA_FOCUS])
-            position = add(scale(east, lens_x), scale(north, lens_y))
+            position = add(scale(across, lens_x), scale(up, lens_y))
             direction = subtract(focus, position)
         else:
             focus = add(position, scale(direction, camera[CAMERA_FOCUS]))
@@ -163,8 +171,16 @@ def generate_ray(camera, motion, x, y, lens_u, lens_v, time):
         along = -1.0 / direction[2]
         near *= along
         far *= along
+    has_eye = camera[CAMERA_EYE_OFFSET] != 0.0
+    if has_eye and kind == KIND_PANORAMA:
+        position, direction = move_eye(camera, position, direction, (0.0, 1.0, 0.0))
     if motion.shape[0] > 1:
         matrix = matrix_between(motion, 0, motion.shape[0], time)
-        return apply_point(matrix, position), normalize(apply_direction(matrix, direction)), near, far, radius, spread
-    origin = transform_point(motion, 0, position)
-    return origin, normalize(transform_direction(motion, 0, direction)), near, far, radius, spread
+        origin, direction = apply_point(matrix, position), normalize(apply_direction(matrix, direction))
+    else:
+        origin = transform_point(motion, 0, position)
+        direction = normalize(transform_direction(motion, 0, direction))
+    if has_eye and kind == KIND_PERSPECTIVE:
+        # As in Cycles, the eyes of a flat picture are level in the world.
+        origin, direction = move_eye(camera, origin, direction, (0.0, 0.0, 1.0))
+    return origin, direction, near, far, radius, spread

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Motion vectors: how far what is seen moves over the image from the frame before, and to the frame after."""
 
-import math
-
 import numpy as np
 
+from engine.kernels.panorama import panorama_position
 from engine.kernels.vector import load, normalize, transform_direction, transform_point
 from engine.runtime.jit import kernel
 from engine.state.camera import (
@@ -13,7 +12,7 @@ from engine.state.camera import (
     CAMERA_OFFSET_Y,
     CAMERA_SCALE_X,
     CAMERA_SCALE_Y,
-    KIND_EQUIRECTANGULAR,
+    KIND_PANORAMA,
 )
 from engine.state.data_passes import RASTER_AFTER, RASTER_BEFORE, RASTER_NOW
 from engine.state.geometry import (
@@ -30,19 +29,16 @@ from engine.state.geometry import (
 @kernel
 def _on_panorama(camera, d):
     """Where a panoramic camera sees a direction from it [pixels]."""
-    d = normalize(d)
-    x = math.atan2(d[0], -d[2])
-    y = math.asin(min(max(d[1], -1.0), 1.0))
-    return (x - camera[CAMERA_OFFSET_X]) / camera[CAMERA_SCALE_X], (
-        y - camera[CAMERA_OFFSET_Y]
-    ) / camera[CAMERA_SCALE_Y]
+    x, y = panorama_position(camera, normalize(d))
+    x = (x - camera[CAMERA_OFFSET_X]) / camera[CAMERA_SCALE_X]
+    return x, (y - camera[CAMERA_OFFSET_Y]) / camera[CAMERA_SCALE_Y]
 
 
 @kernel
 def _on_image(data, camera, raster, p):
     """Where the camera of row `raster` sees a point of the world [pixels]."""
     projected = transform_point(data.rasters, raster, p)
-    if int(camera[CAMERA_KIND]) == KIND_EQUIRECTANGULAR:
+    if int(camera[CAMERA_KIND]) == KIND_PANORAMA:
         return _on_panorama(camera, projected)
     if projected[2] == 0.0:
         return 0.0 * projected[0], 0.0 * projected[1]
@@ -56,7 +52,7 @@ def _direction_on_image(data, camera, raster, d):
     It leaves out the division by depth, so that what is far from the image's middle moves a little less.
     """
     projected = transform_direction(data.rasters, raster, d)
-    if int(camera[CAMERA_KIND]) == KIND_EQUIRECTANGULAR:
+    if int(camera[CAMERA_KIND]) == KIND_PANORAMA:
         return _on_panorama(camera, projected)
     return projected[0], projected[1]
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array, Uint32Array
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion
+from engine.scene.panorama import Panorama, StereoEye
 from engine.scene.rounds import Rounds
 
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
@@ -349,7 +350,7 @@ class Camera:
     transform : float32 (4, 4), camera to world, looking along local -z, without scale.
     """
 
-    kind: str = "PERSP"  # 'PERSP', 'ORTHO' or 'PANO_EQUIRECTANGULAR'
+    kind: str = "PERSP"  # 'PERSP', 'ORTHO' or 'PANO'
     transform: Float32Array = field(default_factory=lambda: np.eye(4, dtype=np.float32))
     lens: float = 50.0  # [mm]
     sensor_width: float = 36.0  # [mm]
@@ -366,11 +367,10 @@ class Camera:
     aperture_blades: int = 0
     aperture_rotation: float = 0.0  # [rad]
     aperture_ratio: float = 1.0
-    #: Equirectangular ranges [rad].
-    latitude_min: float = float(-np.pi / 2)
-    latitude_max: float = float(np.pi / 2)
-    longitude_min: float = float(-np.pi)
-    longitude_max: float = float(np.pi)
+    #: Of the kind 'PANO'.
+    panorama: Panorama = field(default_factory=Panorama)
+    #: Of an eye of spherical stereo.
+    eye: StereoEye | None = None
     #: Camera to world at evenly spaced times of the shutter, float32 (S, 4, 4); None: it stands still.
     motion: Float32Array | None = None
     #: `lens`, `sensor_width` and `sensor_height` at the shutter's opening and closing, float32 (2, 3); None: always

@@ -27,11 +27,36 @@ CAMERA_ZOOM_CLOSING = 26
 CAMERA_ROLLING = 27  # share of a path's time that its row decides, 0 = none
 CAMERA_ROW_COUNT = 28  # of the full image
 CAMERA_CLEAR = 29  # [m] around it no medium begins or ends; 0 = not known
-CAMERA_WIDTH = 30
+CAMERA_PANORAMA = 30  # what kind of panorama: PANORAMA_*
+CAMERA_PANORAMA_FIRST = 31  # 9: its parameters, columns from here on
+CAMERA_EYE_OFFSET = 40  # [m] to the right, of spherical stereo
+CAMERA_CONVERGENCE = 41  # [m], infinity = parallel
+CAMERA_MERGE_FROM = 42  # [rad] above the horizon, where the offset begins to go to 0
+CAMERA_MERGE_TO = 43
+CAMERA_WIDTH = 44
 
 KIND_PERSPECTIVE = 0
 KIND_ORTHOGRAPHIC = 1
-KIND_EQUIRECTANGULAR = 2
+KIND_PANORAMA = 2
+
+PANORAMA_EQUIRECTANGULAR = 0
+PANORAMA_CUBEMAP_FACE = 1
+PANORAMA_MIRROR_BALL = 2
+PANORAMA_EQUIDISTANT = 3
+PANORAMA_EQUISOLID = 4
+PANORAMA_LENS_POLYNOMIAL = 5
+PANORAMA_CYLINDRICAL = 6
+
+# A panorama's parameters, from CAMERA_PANORAMA_FIRST on. Each kind has its own.
+PANORAMA_FOV = 0  # [rad], of fisheyes
+PANORAMA_WIDTH = 1  # [mm], of the sensor of fisheyes with a lens
+PANORAMA_HEIGHT = 2
+PANORAMA_LENS = 3  # [mm], of equisolid fisheyes
+PANORAMA_POLYNOMIAL = 4  # 5: k0 to k4
+PANORAMA_CYLINDER_LEFT = 0  # [rad]
+PANORAMA_CYLINDER_RIGHT = 1
+PANORAMA_CYLINDER_BOTTOM = 2  # of a cylinder of radius 1
+PANORAMA_CYLINDER_TOP = 3
 
 FILTER_TABLE_SIZE = 4096
 SHUTTER_TABLE_SIZE = 256

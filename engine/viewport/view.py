@@ -16,8 +16,7 @@ Region = tuple[int, int, int, int]
 class Plane(NamedTuple):
     """What a window sees: edges of its left, right, bottom and top.
 
-    At distance 1 of a perspective camera, in metres of an orthographic one, in radians (longitude, latitude) of a
-    panorama.
+    At distance 1 of a perspective camera, in metres of an orthographic one, in widths and heights of a panorama's film.
     """
 
     left: float
@@ -58,7 +57,7 @@ class View:
         )  # fmt: skip
         across, up = plane.right - plane.left, plane.top - plane.bottom
         # Pixels as wide as the plane says, whatever shape the window has.
-        aspect = across * height / (up * width) if self.camera.kind != "PANO_EQUIRECTANGULAR" else 1.0
+        aspect = across * height / (up * width) if self.camera.kind != "PANO" else 1.0
         frame = Frame(width, height, region, pixel_aspect_x=aspect, exposure=self.exposure)
         return opened(self.camera, plane), frame
 
@@ -72,11 +71,9 @@ def opened(camera: Camera, plane: Plane) -> Camera:
     across = plane.right - plane.left
     shift_x = 0.5 * (plane.left + plane.right) / across
     shift_y = 0.5 * (plane.bottom + plane.top) / across
-    if camera.kind == "PANO_EQUIRECTANGULAR":
-        return replace(
-            camera, longitude_min=plane.left, longitude_max=plane.right, latitude_min=plane.bottom,
-            latitude_max=plane.top,
-        )  # fmt: skip
+    if camera.kind == "PANO":
+        window = plane.left, plane.right, plane.bottom, plane.top
+        return replace(camera, panorama=replace(camera.panorama, window=window))
     if camera.kind == "ORTHO":
         return replace(camera, sensor_fit="HORIZONTAL", ortho_scale=across, shift_x=shift_x, shift_y=shift_y)
     # The lens stays, since the aperture's size goes by it.

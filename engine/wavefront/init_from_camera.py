@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stage: start new paths at the camera, in lanes that are free."""
 
-
 import numpy as np
 
 from engine.kernels.camera import generate_ray, sample_table, time_of_row
@@ -10,7 +9,7 @@ from engine.kernels.path_depths import reset_depths
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.rounding import floor_of
-from engine.kernels.vector import add, scale, store
+from engine.kernels.vector import add, dot, scale, store
 from engine.runtime.jit import kernel
 from engine.spectral.wavelengths import WAVELENGTH_COUNT, rotate_hero, wavelength_at
 from engine.state.lanes import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
@@ -97,8 +96,7 @@ def init_from_camera(scene, unit, work, queue):
     pixel_count = pixels.shape[0]
     while free_count > 0 and next_path < path_count:
         free_count -= 1
-        lane = free[free_count]
-        ahead = free[max(free_count - _LANES_AHEAD, 0)]
+        lane, ahead = free[free_count], free[max(free_count - _LANES_AHEAD, 0)]
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
         ask_for_history(paths, ahead)
@@ -150,7 +148,8 @@ def init_from_camera(scene, unit, work, queue):
         paths.alpha[lane] = 1.0
         paths.flags[lane] = RAY_CAMERA | RAY_MIS_SKIP | RAY_TRANSPARENT_BACKGROUND
         reset_depths(paths, lane)
-        paths.alive[lane] = 1
+        # What a panorama's film does not see is black, and opaque.
+        paths.alive[lane] = 1 if dot(direction, direction) > 0.0 else 0
         log.count[lane] = 0
         is_recorded = np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold
         log.is_recording[lane] = 1 if is_recorded and has_log else 0

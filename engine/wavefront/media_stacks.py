@@ -86,7 +86,7 @@ def start_media(scene, unit, work, queue):
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
-        if paths.dimension[lane] != SETS_BEFORE_VERTICES:
+        if paths.dimension[lane] != SETS_BEFORE_VERTICES or paths.alive[lane] == 0:
             continue
         media.count[lane] = 0
         media.depth[lane] = 0

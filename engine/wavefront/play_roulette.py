@@ -59,6 +59,9 @@ def play_roulette(scene, unit, work, queue):
         ahead = lane_ahead(active, k, active_count)
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
+        if paths.alive[lane] == 0:
+            # A new one, of what a panorama does not see.
+            continue
         u1, u2, u0, u3 = sample_4d(paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_BSDF)
         paths.random[lane, 0] = u0
         paths.random[lane, 1] = u1

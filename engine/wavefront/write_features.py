@@ -6,7 +6,7 @@ import numpy as np
 from engine.kernels.bsdf import albedo
 from engine.kernels.pass_surface import is_pass_surface
 from engine.runtime.jit import kernel
-from engine.state.camera import CAMERA_KIND, KIND_EQUIRECTANGULAR
+from engine.state.camera import CAMERA_KIND, KIND_PANORAMA
 from engine.state.film import (
     FEATURE_ALBEDO,
     FEATURE_NORMAL,
@@ -50,7 +50,7 @@ def write_features(scene, unit, work, queue):
             x = real[lane, POINT_P] - camera[3]
             y = real[lane, POINT_P + 1] - camera[7]
             z = real[lane, POINT_P + 2] - camera[11]
-            if int(camera[CAMERA_KIND]) == KIND_EQUIRECTANGULAR:
+            if int(camera[CAMERA_KIND]) == KIND_PANORAMA:
                 depth = np.sqrt(x * x + y * y + z * z)
             else:
                 depth = -(camera[2] * x + camera[6] * y + camera[10] * z)

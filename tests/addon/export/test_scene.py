@@ -91,13 +91,24 @@ def test_panorama(scene: Any) -> None:
     data.type, data.panorama_type = "PANO", "EQUIRECTANGULAR"
     data.latitude_min, data.longitude_max = -0.5, 1.0
     description = export()
-    assert description.camera.kind == "PANO_EQUIRECTANGULAR" and description.notices == []
-    assert (description.camera.latitude_min, description.camera.longitude_max) == (-0.5, 1.0)
-    data.panorama_type = "MIRRORBALL"
-    description = export()
-    assert description.camera.kind == "PANO_EQUIRECTANGULAR"
-    assert [notice.subject for notice in description.notices] == ["Camera"]
-    assert "MIRRORBALL" in description.notices[0].problem
+    assert description.camera.kind == "PANO" and description.notices == []
+    panorama = description.camera.panorama
+    assert (panorama.kind, panorama.latitude_min, panorama.longitude_max) == ("EQUIRECTANGULAR", -0.5, 1.0)
+
+
+@pytest.mark.parametrize(("fit", "sensor"), [("AUTO", (36.0, 27.0)), ("HORIZONTAL", (36.0, 27.0)),
+                                             ("VERTICAL", (40.0, 30.0))])  # fmt: skip
+def test_panoramas_know_their_lens_and_film(scene: Any, fit: str, sensor: tuple[float, float]) -> None:
+    data = scene.camera.data
+    data.type, data.panorama_type = "PANO", "FISHEYE_LENS_POLYNOMIAL"
+    data.sensor_fit, data.sensor_width, data.sensor_height = fit, 36.0, 30.0
+    data.fisheye_polynomial_k3, data.shift_y = 0.25, 0.1
+    data.central_cylindrical_radius, data.central_cylindrical_range_v_max = 2.0, 3.0
+    scene.render.resolution_x, scene.render.resolution_y = 80, 60
+    panorama = export().camera.panorama
+    assert panorama.sensor == pytest.approx(sensor)
+    assert panorama.polynomial[3] == 0.25 and panorama.cylinder[3] == 1.5
+    assert panorama.window == pytest.approx((0.0, 1.0, 0.1, 1.1))
 
 
 def test_depth_of_field(scene: Any) -> None:
@@ -150,10 +161,13 @@ def test_engine_is_asked_for_camera_and_shift(scene: Any) -> None:
     class Engine:
         camera_override = None
 
-        def camera_model_matrix(self, camera: Any) -> Any:
+        def use_spherical_stereo(self, camera: Any) -> bool:
+            return False
+
+        def camera_model_matrix(self, camera: Any, use_spherical_stereo: bool) -> Any:
             return Matrix.Translation((9.0, 0.0, 0.0))
 
-        def camera_shift_x(self, camera: Any) -> float:
+        def camera_shift_x(self, camera: Any, use_spherical_stereo: bool) -> float:
             return 0.75
 
     camera = export(engine=Engine()).camera

@@ -63,11 +63,6 @@ def texture_resolution(scene: Any) -> None:
     scene.cycles.texture_resolution_render = 0.5
 
 
-def panorama(scene: Any) -> None:
-    scene.camera.data.type = "PANO"
-    scene.camera.data.panorama_type = "FISHEYE_EQUIDISTANT"
-
-
 def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
     """Set `name` of what the expression `owner` gives for the scene."""
 
@@ -88,7 +83,6 @@ CASES = {
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
     "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
-    "fisheye": (panorama, "Camera", "FISHEYE_EQUIDISTANT"),
 }  # fmt: skip
 
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -71,7 +69,6 @@ def test_the_cameras_frame_lies_in_its_window() -> None:
 
 
 def test_a_panorama_fills_its_frame() -> None:
-    full = (-math.pi, math.pi), (-math.pi / 2, math.pi / 2)
-    assert panorama_plane((0.0, 0.0, 1.0, 1.0), *full) == pytest.approx((*full[0], *full[1]))
-    plane = panorama_plane((0.25, 0.0, 0.75, 0.5), *full)
-    assert plane == pytest.approx((-2 * math.pi, 2 * math.pi, -math.pi / 2, 1.5 * math.pi))
+    full = (0.0, 1.0, 0.1, 1.1)
+    assert panorama_plane((0.0, 0.0, 1.0, 1.0), full) == pytest.approx(full)
+    assert panorama_plane((0.25, 0.0, 0.75, 0.5), full) == pytest.approx((-0.5, 1.5, 0.1, 2.1))

@@ -104,7 +104,7 @@ def test_aperture_has_its_shape(blades):
 
 
 def test_equirectangular_covers_the_sphere_and_looks_along_minus_z():
-    camera = Camera(kind="PANO_EQUIRECTANGULAR")
+    camera = Camera(kind="PANO")
     frame = Frame(64, 32, (0, 0, 64, 32))
     _, direction = rays(camera, frame, [(32.0, 16.0), (48.0, 16.0), (32.0, 32.0), (0.0, 16.0)])
     assert np.allclose(direction, [(0, 0, -1), (1, 0, 0), (0, 1, 0), (0, 0, 1)], atol=1e-5)
@@ -176,7 +176,7 @@ def test_cameras_that_do_not_zoom_are_left_alone():
     same = np.array([(50.0, 36.0, 24.0)] * 2, np.float32)
     other = np.array([(20.0, 36.0, 24.0)] * 2, np.float32)
     for camera in (Camera(lens_motion=same), Camera(kind="ORTHO", lens_motion=other),
-                   Camera(kind="PANO_EQUIRECTANGULAR", lens_motion=other)):  # fmt: skip
+                   Camera(kind="PANO", lens_motion=other)):  # fmt: skip
         real = build_camera(camera, frame, "BOX", 1.0).real
         assert real[CAMERA_IS_ZOOMING] == 0.0 and real[CAMERA_ROLLING] == 0.0
         found = [rays(camera, frame, [(3.0, 20.0)], time=time) for time in (0.0, 0.5, 1.0)]

@@ -39,6 +39,7 @@ from engine.scene.description import (
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.scene.instances import plain_instances
+from engine.scene.panorama import Panorama, StereoEye
 from engine.scene.rounds import SPHERES, Rounds
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
@@ -290,7 +291,7 @@ CHANGES: dict[str, list[Change]] = {
                                        _set("shutter_curve", np.array([0.0, 1.0, 0.1], np.float32))],
     "SceneDescription.light_groups": [_set("light_groups", ("Key", "Rim"))],
     "SceneDescription.rolling_shutter_duration": [_set("rolling_shutter_duration", 0.3)],
-    "Camera.kind": [_set("camera.kind", "ORTHO"), _set("camera.kind", "PANO_EQUIRECTANGULAR")],
+    "Camera.kind": [_set("camera.kind", "ORTHO"), _set("camera.kind", "PANO")],
     "Camera.transform": [_set("camera.transform", _at(0.5, 0, 7))],
     "Camera.lens": [_set("camera.lens", 35.0)],
     "Camera.sensor_width": [_set("camera.sensor_width", 30.0)],
@@ -307,10 +308,9 @@ CHANGES: dict[str, list[Change]] = {
     "Camera.aperture_blades": [_set("camera.aperture_blades", 5)],
     "Camera.aperture_rotation": [_set("camera.aperture_rotation", 0.4)],
     "Camera.aperture_ratio": [_set("camera.aperture_ratio", 2.0)],
-    "Camera.latitude_min": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__latitude_min=-1.0)],
-    "Camera.latitude_max": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__latitude_max=1.0)],
-    "Camera.longitude_min": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__longitude_min=-2.0)],
-    "Camera.longitude_max": [_all(camera__kind="PANO_EQUIRECTANGULAR", camera__longitude_max=2.0)],
+    "Camera.panorama": [_all(camera__kind="PANO", camera__panorama=Panorama(kind)) for kind in
+                        ("MIRRORBALL", "FISHEYE_EQUIDISTANT")],
+    "Camera.eye": [_set("camera.eye", StereoEye(0.1)), _set("camera.eye", StereoEye(0.1, 2.0, 0.3, 0.4))],
     "Camera.motion": [_set("camera.motion", None)],
     "Camera.lens_motion": [_set("camera.lens_motion", None)],
     "Frame.width": [_set("frame.width", 9)],

@@ -10,6 +10,7 @@ import pytest
 
 from engine.builder.camera import build_camera
 from engine.scene.description import Camera
+from engine.scene.panorama import Panorama
 from engine.settings import RenderSettings
 from engine.state.camera import CAMERA_OFFSET_X, CAMERA_OFFSET_Y, CAMERA_SCALE_X, CAMERA_SCALE_Y
 from engine.viewport.view import Plane, Update, View
@@ -27,12 +28,13 @@ def edges(view: View, divider: int, x: float, y: float) -> tuple[float, float]:
     )
 
 
-@pytest.mark.parametrize("kind", ["PERSP", "ORTHO", "PANO_EQUIRECTANGULAR"])
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO", "PANO"])
 @pytest.mark.parametrize("size", [(960, 540), (541, 967), (7, 3), (1, 1)])
 @pytest.mark.parametrize("divider", [1, 2, 8, 32])
 def test_every_divider_sees_the_same_plane(kind: str, size: tuple[int, int], divider: int) -> None:
     width, height = size
-    view = View(Camera(kind=kind, lens=35.0), PLANE, width, height, (0, 0, width, height))
+    camera = Camera(kind=kind, lens=35.0, panorama=Panorama("MIRRORBALL"))
+    view = View(camera, PLANE, width, height, (0, 0, width, height))
     assert edges(view, divider, 0, 0) == pytest.approx((PLANE.left, PLANE.bottom), abs=1e-5)
     assert edges(view, divider, width, height) == pytest.approx((PLANE.right, PLANE.top), abs=1e-5)
 
