@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 
 import bpy
@@ -20,6 +20,7 @@ from .colorspaces import to_scene_linear, to_srgb
 from .context import CachedImage, ExportContext
 from .image_headers import expected_bytes
 from .image_memory import ImageMemory
+from .image_tiles import tile_file, tile_index, tile_numbers, tile_path
 
 _PINK = "Blender's pink"
 _PINK_TEXEL = (255, 0, 255, 255)
@@ -50,6 +51,8 @@ class ImageExporter:
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
         """Index into `images` of what a texture node shows at this frame: one pink texel if it cannot be read."""
         self.context.check_cancel()
+        if image.source == "TILED":
+            return self._export_tiles(image, subject)
         frame = _frame_number(self.context, image, user)
         identity = (image.name_full, frame)
         if identity not in self._indices:
@@ -61,9 +64,55 @@ class ImageExporter:
             self.context.notice(f"{subject} / {image.name}", f"{what} is missing or cannot be read", _PINK)
         return index
 
+    def _export_tiles(self, image: bpy.types.Image, subject: str) -> int:
+        """Index into `images` of what tells where an image's tiles are: each is an image."""
+        # Blender knows an image's colour space once it has read its file.
+        image.size[:]
+        identities = [(number, (image.name_full, "tile", number)) for number in tile_numbers(image)]
+        for number, identity in identities:
+            path = tile_path(_path(image, None), number)
+            if identity not in self._indices:
+                self._add(identity, self._read_tile(image, identity, path))
+            self.met.append((identity, self._indices[identity]))
+            if image.is_dirty and number == identities[0][0]:
+                self.context.notice(f"{subject} / {image.name}", "its tiles have unsaved changes", "as they are saved")
+            if self.is_missing(self._indices[identity]):
+                problem = f"the file {path} of tile {number} is missing or cannot be read"
+                self.context.notice(f"{subject} / {image.name}", problem, _PINK)
+        identity = ("tiles", image.name_full, tuple(identities))
+        self._find_tiles(identity)
+        self.met.append((identity, self._indices[identity]))
+        return self._indices[identity]
+
+    def _find_tiles(self, identity: tuple[str, str, tuple[tuple[int, Hashable], ...]]) -> None:
+        """Add what tells where tiles are that have been added before."""
+        if identity not in self._indices:
+            tiles = [(number, self._indices[tile]) for number, tile in identity[2]]
+            found = [self.images[index] for _number, index in tiles]
+            like = next((one for one, (_, index) in zip(found, tiles, strict=True) if not self.is_missing(index)), None)
+            index = tile_index(identity[1], tiles, like or found[0])
+            index.key = ("tiles", *((number, one.key) for one, (number, _) in zip(found, tiles, strict=True)))
+            self._add(identity, index)
+
+    def _read_tile(self, image: bpy.types.Image, identity: tuple[Hashable, ...], path: str) -> Image | None:
+        """A tile from its file, or as it was read before; None if it cannot be."""
+        self._names.add(image.name_full)
+        if not image.filepath_raw and identity[2] == image.tiles[0].number:
+            # Of tiles that were never saved Blender gives the first only.
+            return self._read(image)
+        try:
+            status = os.stat(path)
+            stamp: tuple[Hashable, ...] = (status.st_mtime_ns, status.st_size)
+        except OSError:
+            stamp = tuple(len(item.packed_file.data) for item in image.packed_files)
+        settings = (image.colorspace_settings.name, image.alpha_mode, self.context.working_space)
+        return self._keep(identity, (*settings, path, *stamp), lambda: _read_tile_file(self.context, image, path))
+
     def take_over(self, identity: Hashable) -> int:
         """Index into `images` of one that is as it was at the last export, which may not have been able to read it."""
-        if identity not in self._indices:
+        if isinstance(identity, tuple) and identity[0] == "tiles":
+            self._find_tiles(identity)
+        elif identity not in self._indices:
             kept = self.context.cache.images.get(identity)
             if kept is not None:
                 kept.last_used = self.context.cache.export_count
@@ -110,19 +159,28 @@ class ImageExporter:
     def _export(self, image: bpy.types.Image, frame: int | None, subject: str) -> Image | None:
         context = self.context
         self._names.add(image.name_full)
-        if image.source == "TILED" and len(image.tiles) > 1:
-            context.notice(f"{subject} / {image.name}", "UDIM tiles are not supported", "the first tile everywhere")
         if image.source == "MOVIE":
             context.notice(f"{subject} / {image.name}", "movies are not supported", "one frame of it")
-        identity = (image.name_full, frame)
-        state = _state(context, image, frame)
-        kept = context.cache.images.get(identity)
         # A painted image says so until it is saved; only its pixels tell whether it changed again.
-        if kept is not None and kept.state == state and not image.is_dirty:
+        return self._keep(
+            (image.name_full, frame),
+            _state(context, image, frame),
+            lambda: self._read(image) if frame is None else _read_sequence(context, image, frame),
+            is_surely_same=not image.is_dirty,
+        )
+
+    def _keep(
+        self, identity: tuple[Hashable, ...], state: Hashable, read: Callable[[], Image | None], *,
+        is_surely_same: bool = True,
+    ) -> Image | None:
+        """What the last export has kept of an image in this state, else what `read` gives, kept for the next."""
+        context = self.context
+        kept = context.cache.images.get(identity)
+        if kept is not None and kept.state == state and is_surely_same:
             kept.last_used = context.cache.export_count
             self._in_memory += kept.image.pixels.nbytes
             return kept.image
-        exported = self._read(image) if frame is None else _read_sequence(context, image, frame)
+        exported = read()
         if exported is None:
             return None
         if kept is not None and _is_equal(kept.image, exported):
@@ -379,6 +437,14 @@ def _read_sequence(context: ExportContext, image: bpy.types.Image, frame: int) -
     return exported
 
 
+def _read_tile_file(context: ExportContext, image: bpy.types.Image, path: str) -> Image | None:
+    with tile_file(image, path) as file:
+        exported = _read_file(context, file, image) if os.path.isfile(file) else None
+    if exported is not None:
+        exported.name = image.name
+    return exported
+
+
 def _read_file(context: ExportContext, path: str, like: bpy.types.Image | None = None) -> Image | None:
     """The image of a file, read through a datablock of its own.
 
@@ -393,7 +459,8 @@ def _read_file(context: ExportContext, path: str, like: bpy.types.Image | None =
         return None
     try:
         if like is not None:
-            single.colorspace_settings.name = like.colorspace_settings.name
+            if like.colorspace_settings.name:
+                single.colorspace_settings.name = like.colorspace_settings.name
             single.alpha_mode = like.alpha_mode
         return _read_loaded(context, single, ImageMemory())
     finally:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from typing import Any
 
 import bpy
@@ -100,6 +102,31 @@ def textured_projections() -> None:
     add_object("C", sphere("C", material("c", surface("TUBE", "Generated")), 0.6), (1.2, 0.3, 0.6))
     block = box("D", material("d", surface("FLAT", "Generated")), (0.7, 0.7, 0.7))
     add_object("D", block, (0.2, -1.2, 0.35), (0, 0, 20))
+
+
+@scene("textured-tiles")
+def textured_tiles() -> None:
+    """An image in tiles: two columns and two rows, one of which is missing, and what lies beside them."""
+    with tempfile.TemporaryDirectory() as folder:
+        for number, factor in ((1001, 1.0), (1002, 0.6), (1011, 0.3)):
+            tile = image(f"Tile {number}", factor * asymmetric_pixels())
+            tile.filepath_raw, tile.file_format = os.path.join(folder, f"tile.{number}.png"), "PNG"
+            tile.save()
+        tiles = bpy.data.images.load(os.path.join(folder, "tile.<UDIM>.png"))
+        tiles.source = "TILED"
+        tiles.pack()
+
+    def surface(extension: str, interpolation: str) -> Surface:
+        def build(nodes: Nodes) -> Socket:
+            uv = nodes("TexCoord", output="UV")
+            vector = nodes("Mapping", Vector=uv, Location=(-0.2, -0.2, 0), Scale=(2.4, 2.4, 1))
+            properties = {"image": tiles, "extension": extension, "interpolation": interpolation}
+            return nodes("BsdfDiffuse", Color=nodes("TexImage", properties, Vector=vector))
+
+        return build
+
+    ways = (("REPEAT", "Linear"), ("EXTEND", "Linear"), ("CLIP", "Cubic"), ("REPEAT", "Closest"))
+    boards([surface(*way) for way in ways])
 
 
 @scene("textured-color-spaces")

@@ -148,6 +148,9 @@ class Image:
         byte images) or `'RAW'` (non-colour data).
     folder : str
         Folder of the file in which the pixels lie, and all of the scene's will; '' = they are in memory.
+    tiles : pairs of int
+        Of an image in tiles (UDIM): the number of each, 1001 + 10 * row + column, and its index among the images. What
+        lies beside them is magenta. () = it is no such image.
     """
 
     key: Hashable
@@ -158,6 +161,7 @@ class Image:
     is_associated: bool = False
     alpha_mode: str = "STRAIGHT"
     folder: str = ""
+    tiles: tuple[tuple[int, int], ...] = ()
 
 
 # Geometry

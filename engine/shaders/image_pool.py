@@ -18,10 +18,14 @@ from engine.state.shaders import (
     IMAGE_IS_FLOAT,
     IMAGE_IS_SRGB,
     IMAGE_OFFSET,
+    IMAGE_TILE_COUNT,
+    IMAGE_TILE_FIRST,
     IMAGE_WIDTH,
     IMAGE_X,
     IMAGE_Y,
     SRGB_TABLE_SIZE,
+    TILE_IMAGE,
+    TILE_NUMBER,
 )
 
 _POOL_TYPES = (np.uint8, np.float32)
@@ -75,9 +79,7 @@ def build_image_pool(images: Sequence[Image]) -> ImagePool:
         Where there is no room for that file.
     """
     notices: list[Notice] = []
-    table = np.zeros((max(len(images), 1), IMAGE_WIDTH), np.int64)
-    if not images:
-        table[0, IMAGE_X] = table[0, IMAGE_Y] = 1
+    table = _table(images)
     ends = [0, 0]
     for row, image in enumerate(images):
         pixels = _usable(image, notices)
@@ -123,6 +125,21 @@ def build_image_pool(images: Sequence[Image]) -> ImagePool:
     with ThreadPoolExecutor(1 if files else None, thread_name_prefix="images") as threads:
         list(threads.map(place, range(len(images))))
     return ImagePool(table, pools[0], pools[1], notices, tuple(files))
+
+
+def _table(images: Sequence[Image]) -> Int64Array:
+    """The table of images with what they say of tiles, whose lists lie behind it."""
+    listed = [tile for image in images for tile in image.tiles]
+    first = max(len(images), 1)
+    table = np.zeros((first + len(listed), IMAGE_WIDTH), np.int64)
+    if not images:
+        table[0, IMAGE_X] = table[0, IMAGE_Y] = 1
+    if listed:
+        table[first:, [TILE_NUMBER, TILE_IMAGE]] = listed
+    for row, image in enumerate(images):
+        table[row, IMAGE_TILE_COUNT], table[row, IMAGE_TILE_FIRST] = len(image.tiles), first
+        first += len(image.tiles)
+    return table
 
 
 def _pool_at_hand(images: Sequence[Image]) -> np.ndarray | None:

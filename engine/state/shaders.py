@@ -85,7 +85,13 @@ IMAGE_OFFSET = 2  # first value in its pool
 IMAGE_IS_FLOAT = 3
 IMAGE_IS_SRGB = 4
 IMAGE_IS_ASSOCIATED = 5
+IMAGE_TILE_COUNT = 6  # 0 = no tiles
+IMAGE_TILE_FIRST = 7  # first of the rows that list tiles
 IMAGE_WIDTH = 8
+
+# Columns of the rows that list tiles, behind all images.
+TILE_NUMBER = 0
+TILE_IMAGE = 1  # row of the tile
 
 #: Registers 0..3 swallow outputs nobody reads.
 SINK = 0

@@ -11,7 +11,18 @@ import numpy as np
 from engine.kernels.rounding import floor_of
 from engine.kernels.shader.four import blend_four
 from engine.runtime.jit import kernel
-from engine.state.shaders import IMAGE_IS_FLOAT, IMAGE_IS_SRGB, IMAGE_OFFSET, IMAGE_X, IMAGE_Y, SRGB_TABLE_SIZE
+from engine.state.shaders import (
+    IMAGE_IS_FLOAT,
+    IMAGE_IS_SRGB,
+    IMAGE_OFFSET,
+    IMAGE_TILE_COUNT,
+    IMAGE_TILE_FIRST,
+    IMAGE_X,
+    IMAGE_Y,
+    SRGB_TABLE_SIZE,
+    TILE_IMAGE,
+    TILE_NUMBER,
+)
 
 INTERPOLATION_LINEAR = 0
 INTERPOLATION_CLOSEST = 1
@@ -21,6 +32,10 @@ EXTENSION_REPEAT = 0
 EXTENSION_EXTEND = 1
 EXTENSION_CLIP = 2
 EXTENSION_MIRROR = 3
+
+FIRST_TILE = 1001
+TILES_IN_A_ROW = 10
+MOST_TILE_ROWS = 1000
 
 _LAST_SRGB = np.float32(SRGB_TABLE_SIZE - 1)
 _INV_255 = np.float32(1.0 / 255.0)
@@ -167,6 +182,27 @@ def srgb_to_linear(tables, c):
     if c >= 1.0001:
         return ((c + 0.055) / 1.055) ** 2.4
     return _table_to_linear(tables, c)
+
+
+@kernel
+def find_tile(images, image, u, v):
+    """The tile of an image in which (u, v) lies.
+
+    Returns
+    -------
+    image : int, row of the tile, -1 where there is none; u, v : within it
+    """
+    if not (-1.0 < u < TILES_IN_A_ROW and -1.0 < v < MOST_TILE_ROWS):
+        return -1, u, v
+    # Cut off, not rounded down, as in Cycles: the first column and row go on to -1, as the extension says.
+    column = int(u)
+    row = int(v)
+    number = FIRST_TILE + TILES_IN_A_ROW * row + column
+    first = images[image, IMAGE_TILE_FIRST]
+    for k in range(first, first + images[image, IMAGE_TILE_COUNT]):
+        if images[k, TILE_NUMBER] == number:
+            return images[k, TILE_IMAGE], u - np.float32(column), v - np.float32(row)
+    return -1, u, v
 
 
 @kernel

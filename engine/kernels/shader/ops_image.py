@@ -6,10 +6,11 @@ import math
 from engine.kernels.angles import upper_angle
 from engine.kernels.constants import INV_PI, INV_TWO_PI
 from engine.kernels.memory import read3, write3
-from engine.kernels.shader.images import image_color
+from engine.kernels.shader.images import find_tile, image_color
 from engine.kernels.shader.opcodes import IMAGE_FIRST
 from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
+from engine.state.shaders import IMAGE_TILE_COUNT
 
 # color, alpha <- vector, object space normal, blend | image, projection, interpolation, extension, unassociate
 OP_IMAGE = IMAGE_FIRST + 0
@@ -149,8 +150,11 @@ def run_image_op(opcode, code, pc, memory, images, pixels_byte, pixels_float, ta
                 else:
                     u = 1.0 - p[1] if n[2] > 0.0 else p[1]
                     v = p[0]
+            row = image
+            if image >= 0 and images[image, IMAGE_TILE_COUNT] > 0:
+                row, u, v = find_tile(images, image, u, v)
             c = image_color(
-                images, pixels_byte, pixels_float, tables, image, u, v, code[pc + 9], code[pc + 10], code[pc + 11]
+                images, pixels_byte, pixels_float, tables, row, u, v, code[pc + 9], code[pc + 10], code[pc + 11]
             )
             r += weight * c[0]
             g += weight * c[1]

@@ -395,6 +395,7 @@ CHANGES: dict[str, list[Change]] = {
     "Image.encoding": [_set("images.0.encoding", "LINEAR"), _set("images.1.encoding", "RAW")],
     "Image.is_associated": [_set("images.0.is_associated", True)],
     "Image.alpha_mode": [_set("images.0.alpha_mode", "NONE")],
+    "Image.tiles": [_set("images.0.tiles", ((1001, 1),))],
     "Image.folder": [_set("images.0.folder", tempfile.gettempdir())],
     "Attribute.domain": [lambda d: (_set("meshes.0.attributes", {
         **d.meshes[0].attributes, "UV": Attribute("FACE", d.meshes[0].attributes["UV"].data[::3].copy())})(d))],

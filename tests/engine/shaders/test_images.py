@@ -197,3 +197,37 @@ def test_images_are_in_memory_once_unless_they_have_to_change() -> None:
         assert len(pool.notices) == 1
     for image, original in zip((straight, broken, wrong_shape), originals, strict=True):
         assert image.pixels is original
+
+
+def test_tiles_lie_side_by_side_and_magenta_beside_them() -> None:
+    tiles = [
+        Image(k, f"tile {k}", np.full((2, 2, 4), k + 1.0, np.float32), "LINEAR", is_associated=True) for k in range(3)
+    ]
+    images = [Image("i", "tiles", np.zeros((1, 1, 4), np.uint8), tiles=((1001, 1), (1003, 2), (1012, 3))), *tiles]
+    graph = Graph()
+    position = graph.link("ShaderNodeNewGeometry", "Position")
+    texture = graph.link("ShaderNodeTexImage", "Color", inputs={"Vector": position}, image=0)
+    magenta = (1.0, 0.0, 1.0)
+    places = {
+        (0.2, 0.9): 1.0, (2.5, 0.1): 2.0, (1.99, 1.0): 3.0, (1.5, 0.5): magenta, (-0.1, 0.5): 1.0,
+        (2.5, -0.9): 2.0, (0.5, -1.1): magenta, (-1.1, 0.5): magenta, (10.5, 0.5): magenta,
+        (12.5, 0.5): magenta, (np.nan, 0.5): magenta, (0.5, 1e9): magenta,
+    }  # fmt: skip
+    points = square_points(np.zeros((len(places), 2)))
+    points.real[:, POINT_P : POINT_P + 3] = [(u, v, 0.0) for u, v in places]
+    found = emitted(graph.emit(texture), points, images)
+    np.testing.assert_allclose(found, [np.broadcast_to(value, 3) for value in places.values()])
+
+
+def test_a_filter_ends_at_its_tile() -> None:
+    pixels = np.zeros((1, 2, 4), np.float32)
+    pixels[0, 1] = 1.0
+    tiles = [Image("a", "a", pixels, "LINEAR"), Image("b", "b", np.full((1, 2, 4), 9.0, np.float32), "LINEAR")]
+    images = [Image("i", "tiles", np.zeros((1, 1, 4), np.uint8), tiles=((1001, 1), (1002, 2))), *tiles]
+    graph = Graph()
+    position = graph.link("ShaderNodeNewGeometry", "Position")
+    texture = graph.link("ShaderNodeTexImage", "Color", inputs={"Vector": position}, image=0, extension="REPEAT")
+    points = square_points(np.zeros((1, 2)))
+    points.real[:, POINT_P : POINT_P + 3] = (0.9999, 0.5, 0.0)
+    # As in Cycles, a tile is repeated at its own edge.
+    np.testing.assert_allclose(emitted(graph.emit(texture), points, images)[0], 0.5, atol=1e-3)
