@@ -79,10 +79,10 @@ class ImageExporter:
             if self.is_missing(self._indices[identity]):
                 problem = f"the file {path} of tile {number} is missing or cannot be read"
                 self.context.notice(f"{subject} / {image.name}", problem, _PINK)
-        identity = ("tiles", image.name_full, tuple(identities))
-        self._find_tiles(identity)
-        self.met.append((identity, self._indices[identity]))
-        return self._indices[identity]
+        whole = ("tiles", image.name_full, tuple(identities))
+        self._find_tiles(whole)
+        self.met.append((whole, self._indices[whole]))
+        return self._indices[whole]
 
     def _find_tiles(self, identity: tuple[str, str, tuple[tuple[int, Hashable], ...]]) -> None:
         """Add what tells where tiles are that have been added before."""

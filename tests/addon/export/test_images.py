@@ -505,46 +505,6 @@ def test_sequences_in_a_final_render(node: Any, tmp_path: Path) -> None:
     assert results == [(10, 1), (20, 1)]
 
 
-@pytest.mark.parametrize("mark", ["<UDIM>", "<UVTILE>"])
-@pytest.mark.parametrize("is_packed", [False, True])
-def test_tiles_are_images(node: Any, tmp_path: Path, mark: str, is_packed: bool) -> None:
-    import bpy
-
-    from addon.export import ExportCache
-
-    for number, place, red in ((1001, "u1_v1", 10), (1003, "u3_v1", 20), (1011, "u1_v2", 30)):
-        name = str(number) if mark == "<UDIM>" else place
-        write(tmp_path / f"tile.{name}.png", np.full((2, 3, 4), red, np.uint8) / 255.0)
-    node.image = bpy.data.images.load(str(tmp_path / f"tile.{mark}.png"))
-    node.image.source = "TILED"
-    if is_packed:
-        node.image.pack()
-        for file in tmp_path.glob("tile*"):
-            file.unlink()
-    cache = ExportCache()
-    for _ in range(2):
-        description = export(cache=cache)
-        assert description.notices == []
-        found = {number: description.images[index] for number, index in shown(description).tiles}
-        assert {number: int(tile.pixels[0, 0, 0]) for number, tile in found.items()} == {1001: 10, 1003: 20, 1011: 30}
-        assert all(tile.encoding == shown(description).encoding == "SRGB" for tile in found.values())
-    if not is_packed:
-        (tmp_path / ("tile.1003.png" if mark == "<UDIM>" else "tile.u3_v1.png")).unlink()
-        again = export(cache=cache)
-        assert shown(again).key != shown(description).key
-        assert ["tile 1003" in notice.problem for notice in again.notices] == [True]
-
-
-def test_tiles_that_were_never_saved_are_named(node: Any) -> None:
-    import bpy
-
-    node.image = bpy.data.images.new("Tiles", 2, 2, tiled=True)
-    node.image.tiles.new(tile_number=1002)
-    description = export()
-    assert [number for number, _ in shown(description).tiles] == [1001, 1002]
-    assert any("tile 1002" in notice.problem for notice in description.notices)
-
-
 def test_unchanged_images_are_the_same_object(node: Any, tmp_path: Path) -> None:
     import bpy
 
