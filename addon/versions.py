@@ -102,6 +102,7 @@ SETTINGS: dict[str, Setting] = {
     "use_auto_generate_texture_cache": Setting((5, 2), False),
     "use_texture_cache": Setting((5, 3), True),
     # Scene
+    "cycles.texture_resolution": Setting((5, 2), 1.0),
     "cycles.texture_resolution_render": Setting((5, 2), 1.0),
     "cycles.use_pixel_jitter": Setting((5, 2), False),
     # World

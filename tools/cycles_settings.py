@@ -107,11 +107,10 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
     (
         "Simplify", "scene.cycles",
         (
-            *_rows("said", "use_camera_cull use_distance_cull texture_limit_render"),
+            *_rows("said", "use_camera_cull use_distance_cull"),
             *_rows("no", "camera_cull_margin distance_cull_margin", "belong to culling"),
-            *_rows("no", "texture_limit", "textures have their full size"),
-            *_rows("no", "texture_resolution", "textures have their full size", True),
-            *_rows("said", "texture_resolution_render", is_newer=True),
+            *_rows("works", "texture_limit texture_limit_render"),
+            *_rows("works", "texture_resolution texture_resolution_render", is_newer=True),
         ),
     ),
     (

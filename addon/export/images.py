@@ -21,6 +21,7 @@ from .context import CachedImage, ExportContext
 from .image_headers import expected_bytes
 from .image_memory import ImageMemory
 from .image_tiles import tile_file, tile_index, tile_numbers, tile_path
+from .texture_limit import TextureLimit, read_limit
 
 _PINK = "Blender's pink"
 _PINK_TEXEL = (255, 0, 255, 255)
@@ -47,6 +48,11 @@ class ImageExporter:
     _memory: ImageMemory = field(default_factory=ImageMemory)
     #: Size of images that Blender has decoded for this export and keeps [bytes].
     _left: int = 0
+    _limit: TextureLimit = field(default_factory=TextureLimit)
+
+    def __post_init__(self) -> None:
+        """Look up once what holds for all images."""
+        self._limit = read_limit(self.context)
 
     def export(self, image: bpy.types.Image, user: bpy.types.ImageUser | None, subject: str) -> int:
         """Index into `images` of what a texture node shows at this frame: one pink texel if it cannot be read."""
@@ -175,6 +181,7 @@ class ImageExporter:
     ) -> Image | None:
         """What the last export has kept of an image in this state, else what `read` gives, kept for the next."""
         context = self.context
+        state = (state, self._limit)
         kept = context.cache.images.get(identity)
         if kept is not None and kept.state == state and is_surely_same:
             kept.last_used = context.cache.export_count
@@ -183,6 +190,7 @@ class ImageExporter:
         exported = read()
         if exported is None:
             return None
+        exported = self._limit.apply(exported)
         if kept is not None and _is_equal(kept.image, exported):
             exported = kept.image
         else:

@@ -21,10 +21,6 @@ def notice_scene(context: ExportContext) -> None:
     """What scene and view layer ask for."""
     scene = context.scene
     render = scene.render
-    if render.use_simplify and cycles_property(scene, "texture_limit_render", "OFF") != "OFF":
-        context.notice(scene.name, "a limit on texture sizes is not supported", "textures at full size")
-    if render.use_simplify and read_setting(scene, "cycles.texture_resolution_render") != 1.0:
-        context.notice(scene.name, "another texture resolution is not supported", "textures at full size")
     if _has_texture_cache(render):
         context.notice(scene.name, "a texture cache is not supported", "textures at full size, and not prefiltered")
 

@@ -343,3 +343,26 @@ def normal_map() -> None:
         return nodes("BsdfPrincipled", Base_Color=(0.6, 0.5, 0.5), Roughness=0.3, Normal=normal)
 
     show(material("normal map", surface))
+
+
+@scene("textured-limit")
+def textured_limit() -> None:
+    """Simplify's limit of 128 texels a side: images are as coarse as Cycles makes them, with alpha and without."""
+    scene = bpy.context.scene
+    y, x = np.mgrid[0:300, 0:400]
+    checks = np.ones((300, 400, 4), np.float32)
+    checks[..., 0] = (x // 9 + y // 7) % 2
+    checks[..., 1] = x / 400
+    checks[..., 3] = 0.3 + 0.7 * ((x // 31 + y // 23) % 2)
+
+    def board(name: str, is_float: bool, alpha_mode: str) -> Surface:
+        def surface(nodes: Nodes) -> Socket:
+            picture = image(name, checks, is_float, "Linear Rec.709" if is_float else "sRGB")
+            picture.alpha_mode = alpha_mode
+            return nodes("BsdfDiffuse", Color=nodes("TexImage", {"image": picture, "interpolation": "Closest"}))
+
+        return surface
+
+    boards([board("bytes", False, "STRAIGHT"), board("packed", False, "CHANNEL_PACKED"),
+            board("floats", True, "STRAIGHT"), board("opaque", False, "NONE")])  # fmt: skip
+    scene.render.use_simplify, scene.cycles.texture_limit_render = True, "128"

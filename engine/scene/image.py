@@ -39,3 +39,30 @@ class Image:
     alpha_mode: str = "STRAIGHT"
     folder: str = ""
     tiles: tuple[tuple[int, int], ...] = ()
+
+
+#: Alpha modes whose colour is multiplied by alpha before filtering (the others leave it alone).
+_ASSOCIATING = ("STRAIGHT", "PREMUL")
+#: Rows of an image that are changed at a time.
+_ROWS = 256
+
+
+def is_multiplied(image: Image) -> bool:
+    """Whether colours count multiplied by alpha where the image is looked up."""
+    return image.encoding != "RAW" and image.alpha_mode in _ASSOCIATING
+
+
+def associate(pixels: np.ndarray) -> None:
+    """Multiply colours by alpha, in place, as Cycles' loader does.
+
+    Parameters
+    ----------
+    pixels : uint8 or float32 (height, width, 4)
+    """
+    alpha = pixels[..., 3:4]
+    if pixels.dtype == np.uint8:
+        for first in range(0, len(pixels), _ROWS):
+            rows = slice(first, first + _ROWS)
+            pixels[rows, :, :3] = (pixels[rows, :, :3].astype(np.uint16) * alpha[rows]) // 255
+    else:
+        pixels[..., :3] *= alpha

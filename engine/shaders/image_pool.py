@@ -12,6 +12,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int64Array, Uint8Array
 from engine.scene.content import same_content, snapshot
 from engine.scene.description import Image, Notice
+from engine.scene.image import associate, is_multiplied
 from engine.scene.texel_file import TexelFile, check_room, mapped_memory
 from engine.state.shaders import (
     IMAGE_IS_ASSOCIATED,
@@ -29,21 +30,12 @@ from engine.state.shaders import (
 )
 
 _POOL_TYPES = (np.uint8, np.float32)
-#: Rows of an image that are changed at a time.
-_ROWS = 256
-#: Alpha modes whose colour is multiplied by alpha before filtering (the others leave it alone).
-_ASSOCIATING = ("STRAIGHT", "PREMUL")
 
 
 def srgb_table() -> Float32Array:
     """The sRGB decoding curve sampled evenly on [0, 1] (IEC 61966-2-1)."""
     x = np.linspace(0.0, 1.0, SRGB_TABLE_SIZE)
     return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
-def is_associated(image: Image) -> bool:
-    """Whether the pooled image has its colour multiplied by alpha."""
-    return image.encoding != "RAW" and image.alpha_mode in _ASSOCIATING
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,7 @@ def build_image_pool(images: Sequence[Image]) -> ImagePool:
         table[row, IMAGE_OFFSET] = ends[is_float]
         table[row, IMAGE_IS_FLOAT] = is_float
         table[row, IMAGE_IS_SRGB] = image.encoding == "SRGB"
-        table[row, IMAGE_IS_ASSOCIATED] = is_associated(image)
+        table[row, IMAGE_IS_ASSOCIATED] = is_multiplied(image)
         ends[is_float] += pixels.size
     folder = next((image.folder for image in images if image.folder), "")
     sizes = [max(end, 4) for end in ends]
@@ -171,7 +163,7 @@ def _stays(image: Image) -> bool:
         return _is_opaque(pixels)
     if pixels.dtype != np.uint8 and not np.isfinite(pixels).all():
         return False
-    return image.is_associated == is_associated(image) or _is_opaque(pixels)
+    return image.is_associated == is_multiplied(image) or _is_opaque(pixels)
 
 
 class ImagePoolCache:
@@ -231,14 +223,8 @@ def _copy(image: Image, pixels: np.ndarray, view: np.ndarray) -> bool:
         finite = np.isfinite(view).all(axis=2)
         is_finite = bool(finite.all())
         view[~finite] = 0.0
-    if image.is_associated == is_associated(image) or _is_opaque(view):
+    if image.is_associated == is_multiplied(image) or _is_opaque(view):
         return is_finite
     if not image.is_associated:
-        alpha = view[..., 3:4]
-        if view.dtype == np.uint8:
-            for first in range(0, len(view), _ROWS):
-                rows = slice(first, first + _ROWS)
-                view[rows, :, :3] = (view[rows, :, :3].astype(np.uint16) * alpha[rows]) // 255
-        else:
-            view[..., :3] *= alpha
+        associate(view)
     return False

@@ -9,7 +9,7 @@ from typing import Any
 from engine.kernels.shader import images as lookup
 from engine.kernels.shader import ops_image as ops
 from engine.scene.description import Node
-from engine.shaders.image_pool import is_associated
+from engine.scene.image import is_multiplied
 from engine.shaders.options import choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket
 
@@ -45,7 +45,7 @@ def _lookup(node: Node, builder: Any, projection: int, vector: Implicit, extensi
     if image is not None:
         row, description = image
         # Cycles divides alpha out of the colour only where the node's alpha is used.
-        unassociate = int(is_associated(description) and builder.is_linked("Alpha"))
+        unassociate = int(is_multiplied(description) and builder.is_linked("Alpha"))
     # The box projection asks for the object space normal, at the undisplaced point.
     normal = Implicit.OBJECT_NORMAL if projection == ops.PROJECTION_BOX else (0.0, 0.0, 1.0)
     inputs = (

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from engine.scene.description import Image, SceneDescription
+from engine.scene.image import is_multiplied
 from engine.shaders.compiled_program import ProgramSource
 from engine.shaders.compiler import compile_programs
-from engine.shaders.image_pool import build_image_pool, is_associated
+from engine.shaders.image_pool import build_image_pool
 from tests.helpers.blender_scenes import Altered, empty_scene, export, export_context
 
 
@@ -40,8 +41,7 @@ def shown(description: SceneDescription | None = None) -> Image | None:
     description = description or export()
     graph = description.materials[0].graph
     assert graph is not None
-    index = graph.nodes[0].properties["image"]
-    return None if index < 0 else description.images[index]
+    return description.images[index] if (index := graph.nodes[0].properties["image"]) >= 0 else None
 
 
 def make_image(pixels: Any, name: str = "Image", *, is_float: bool = False, space: str | None = None) -> Any:
@@ -339,7 +339,7 @@ def test_alpha_of_straight_files(node: Any, tmp_path: Path, file_format: str, de
     assert exported is not None and exported.encoding == "SRGB" and exported.alpha_mode == mode
     leaves_colors = mode in ("CHANNEL_PACKED", "NONE") or mode == "PREMUL" and is_by_setting()
     np.testing.assert_allclose(as_pooled(exported), STORED if leaves_colors else MULTIPLIED, atol=0.006)
-    assert is_associated(exported) == (mode in ("STRAIGHT", "PREMUL"))
+    assert is_multiplied(exported) == (mode in ("STRAIGHT", "PREMUL"))
     node.image.colorspace_settings.name = "Non-Color"
     np.testing.assert_allclose(as_pooled(shown()), STORED, atol=0.006)
 

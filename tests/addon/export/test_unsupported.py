@@ -53,16 +53,6 @@ def cull(scene: Any) -> None:
     scene.objects["Plane"].cycles.use_camera_cull = True
 
 
-def limit_textures(scene: Any) -> None:
-    scene.render.use_simplify = True
-    scene.cycles.texture_limit_render = "1024"
-
-
-def texture_resolution(scene: Any) -> None:
-    scene.render.use_simplify = True
-    scene.cycles.texture_resolution_render = 0.5
-
-
 def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
     """Set `name` of what the expression `owner` gives for the scene."""
 
@@ -80,14 +70,12 @@ CASES = {
     "terminator": (switch("plane", "shadow_terminator_shading_offset", 0.3), "Plane", "shadow terminator"),
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
     "camera-culling": (cull, "Plane", "culling"),
-    "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
-    "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
 }  # fmt: skip
 
 
 #: Cases about what Blender 5.2 has and older ones have not.
-NEW = {"texture-resolution", "texture-cache"}
+NEW = {"texture-cache"}
 
 
 def notices(scene: Any) -> list[Any]:
