@@ -35,8 +35,10 @@ SECTIONS = (
     Section("Describe a scene", "What a renderer needs to know of a scene, as plain data.", {
         "engine.scene.description": (
             "SceneDescription", "Camera", "Frame", "Mesh", "Attribute", "Instances", "Material", "NodeGraph", "Node",
-            "Link", "Image", "Light", "World", "PassSettings", "Aov", "PassMotion", "Notice",
+            "Link", "Light", "World", "PassSettings", "Aov", "PassMotion", "Notice",
         ),
+        "engine.scene.panorama": ("Panorama", "StereoEye"),
+        "engine.scene.image": ("Image",),
         "engine.scene.instances": ("plain_instances", "empty_instances"),
         "engine.scene.grids": ("Grid", "VolumeMotion"),
     }),

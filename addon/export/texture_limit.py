@@ -31,7 +31,9 @@ def read_limit(context: ExportContext) -> TextureLimit:
     scene = context.scene
     if not scene.render.use_simplify:
         return TextureLimit()
-    suffix = "" if context.window is not None else "_render"
-    size = cycles_property(scene, f"texture_limit{suffix}", _OFF)
-    resolution = read_setting(scene, f"cycles.texture_resolution{suffix}")
+    in_window = context.window is not None
+    size = cycles_property(scene, "texture_limit" if in_window else "texture_limit_render", _OFF)
+    resolution = read_setting(
+        scene, "cycles.texture_resolution" if in_window else "cycles.texture_resolution_render"
+    )
     return TextureLimit(0 if size == _OFF else int(size), float(resolution))

@@ -20,14 +20,18 @@ def test_limits_hold_where_simplify_is_on(in_window: bool) -> None:
     empty_scene()
     scene = bpy.context.scene
     scene.cycles.texture_limit, scene.cycles.texture_limit_render = "512", "1024"
-    context: Any = export_context()
-    if in_window:
-        context.window = object()
-    assert read_limit(context) == TextureLimit()
+
+    def limit() -> TextureLimit:
+        context: Any = export_context()
+        context.window = object() if in_window else None
+        return read_limit(context)
+
+    scene.render.use_simplify = False
+    assert limit() == TextureLimit()
     scene.render.use_simplify = True
-    assert read_limit(context).size == (512 if in_window else 1024)
+    assert limit().size == (512 if in_window else 1024)
     scene.cycles.texture_limit = scene.cycles.texture_limit_render = "OFF"
-    assert read_limit(context) == TextureLimit()
+    assert limit() == TextureLimit()
 
 
 def test_a_limit_halves_images() -> None:
