@@ -18,6 +18,7 @@ from .geometry import export_mesh
 from .images import ImageExporter
 from .instances import Appearance, Appearances, gather_appearances, is_invertible
 from .lights import LightExporter
+from .linking import export_linking
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
@@ -128,7 +129,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
             camera = in_middle(camera, export_camera(context, camera_object))
     appearances = gather_appearances(context, materials)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
-    lights = _export_lights(context, graphs, appearances)
+    lights, lamps = _export_lights(context, graphs, appearances)
     images.close()
     notice_scene(context)
     description = SceneDescription(
@@ -148,6 +149,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         rolling_shutter_duration=rolling,
         passes=export_pass_settings(context),
         light_groups=context.light_groups,
+        linking=export_linking(context, appearances.kinds, appearances.kind[chosen], lamps),
     )
     if context.wants_vectors:
         description.passes.motion = find_pass_motion(context, description, appearances, chosen, camera_object)
@@ -314,8 +316,12 @@ def _drop_broken(
     return chosen[is_good], transform[is_good]
 
 
-def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: Appearances) -> list[Light]:
+def _export_lights(
+    context: ExportContext, graphs: GraphExporter, appearances: Appearances
+) -> tuple[list[Light], list[Appearance]]:
+    """Lights, and what each is an appearance of."""
     lights: list[Light] = []
+    lamps: list[Appearance] = []
     exporter = LightExporter(context, graphs)
     is_light = np.array([kind.light is not None for kind in appearances.kinds] + [False], bool)
     counts: dict[str, int] = {}
@@ -339,4 +345,5 @@ def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: A
         )
         if light is not None:
             lights.append(light)
-    return lights
+            lamps.append(kind)
+    return lights, lamps

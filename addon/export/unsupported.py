@@ -48,11 +48,6 @@ def _has_texture_cache(render: bpy.types.RenderSettings) -> bool:
 
 def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
     """What a mesh or light object asks for."""
-    linking = read_setting(shown, "light_linking")
-    if linking is not None and linking.receiver_collection is not None:
-        context.notice(shown.name, "light linking is not supported", "its light falls on everything")
-    if linking is not None and linking.blocker_collection is not None:
-        context.notice(shown.name, "shadow linking is not supported", "everything casts shadows in its light")
     if shown.type == "LIGHT":
         if cycles_property(shown.data, "is_caustics_light", False):
             context.notice(shown.name, "shadow caustics are not supported", "caustics as paths happen to find them")

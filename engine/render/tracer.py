@@ -50,6 +50,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
+    SCENE_HAS_HIDDEN_LAMPS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
@@ -119,6 +120,10 @@ def _link_of(model: CandidateModel, batch: Batch) -> object:
     return model.kernel, model.memory(None)._numba_type_, batch.work.candidates._numba_type_
 
 
+#: Light trees up to which regions learn which lights they sample: what they keep grows with the square.
+_MOST_LEARNING_TREES = 8
+
+
 class Tracer:
     """Path tracing; shared by all threads, changed by none while they trace.
 
@@ -162,6 +167,7 @@ class Tracer:
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
+        numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(scene.lights.links.hidden) > 0
         numbers[SCENE_HAS_SUBSURFACE] = len(scene.local_scenes.handles) > 0
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
@@ -261,10 +267,19 @@ class Tracer:
 
     @property
     def light_clusters(self) -> np.ndarray | None:
-        """Which clusters of lights can be sampled, bool (C,); None where there is nothing to choose between."""
-        is_possible: np.ndarray = self.view.lights.cluster_share > 0.0
+        """Which clusters of lights can be sampled, bool (C,); where lights are linked by each light tree, bool (S, C).
+
+        None: there is nothing to choose between.
+        """
+        lights = self.view.lights
+        is_possible: np.ndarray = lights.cluster_share > 0.0
         if not self.view.header[SCENE_HAS_EMITTERS] or is_possible.sum() < 2:
             return None
+        tree_count = len(lights.links.trees)
+        if tree_count > _MOST_LEARNING_TREES:
+            return None
+        if tree_count:
+            return is_possible & (lights.links.cluster_tree == np.arange(tree_count)[:, None])
         return is_possible
 
     @property

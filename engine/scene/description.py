@@ -18,6 +18,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array, Int32Array, Uint32Array
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion
+from engine.scene.linking import Linking
 from engine.scene.rounds import Rounds
 
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
@@ -486,6 +487,8 @@ class SceneDescription:
     passes: PassSettings = field(default_factory=PassSettings)
     #: Names of the view layer's light groups.
     light_groups: tuple[str, ...] = ()
+    #: None: every emitter lights everything, and everything casts shadows in its light.
+    linking: Linking | None = None
 
     @property
     def is_moving(self) -> bool:

@@ -80,6 +80,9 @@ RAY_STARTS_ON = 524288
 #: The lane's shadow ray starts and ends in place, and skips the triangles there.
 RAY_SHADOW_IN_PLACE = 1048576
 RAY_SUBSURFACE = 2097152  # the path's hit is where it comes out from below a surface: diffuse, seen from outside
+#: Six bits for the light tree of what has scattered the ray (`engine.kernels.lights.linking`).
+RAY_TREE_SHIFT = 24
+RAY_TREE_MASK = 63 << RAY_TREE_SHIFT
 
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
 # and POINT_FLAG_BACKFACING is set.

@@ -14,9 +14,14 @@ from engine.kernels.lights import (
     distant_lamp_is_hit,
     distant_lamp_leaving,
     distant_lamp_pdf,
+    is_seen_by,
+    lamp_emitter,
     lamp_hit,
+    lamp_is_hidden,
     lamp_leaving,
     lamp_pdf,
+    lamp_shines,
+    tree_of_ray,
 )
 from engine.kernels.media import attenuate
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
@@ -24,30 +29,17 @@ from engine.kernels.radiance import add_found, add_seen, weigh_found
 from engine.kernels.spectrum import upsample_light
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
-from engine.scene.description import (
-    VISIBLE_CAMERA,
-    VISIBLE_DIFFUSE,
-    VISIBLE_GLOSSY,
-    VISIBLE_TRANSMISSION,
-    VISIBLE_VOLUME,
-)
 from engine.state.film import FEATURE_EMISSION
 from engine.state.lanes import (
     RAY_CAMERA,
-    RAY_DIFFUSE,
-    RAY_GLOSSY,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
-    RAY_REFLECT,
-    RAY_TRANSMIT,
-    RAY_VOLUME,
     RGB,
 )
 from engine.state.lights import (
     HEADER_FIRST_DISTANT,
     HEADER_HITTABLE,
     HEADER_LAST_DISTANT,
-    LAMP_EMITTER,
     LAMP_ESTIMATE,
     LAMP_FLAG_MIS,
     LAMP_FLAGS,
@@ -57,22 +49,6 @@ from engine.state.lights import (
     LAMP_VISIBILITY,
 )
 from engine.wavefront.columns import SCENE_HAS_MEDIA, SCENE_HAS_VARYING_MEDIA, UNIT_USE_DENOISING, UNIT_USE_FEATURES
-
-_GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
-
-
-@kernel
-def _sees(flags, visibility):
-    """Whether a ray of this kind sees a lamp; glossy visibility is about reflections only."""
-    if flags & RAY_CAMERA and not visibility & VISIBLE_CAMERA:
-        return False
-    if flags & RAY_DIFFUSE and not visibility & VISIBLE_DIFFUSE:
-        return False
-    if flags & _GLOSSY_REFLECTION == _GLOSSY_REFLECTION and not visibility & VISIBLE_GLOSSY:
-        return False
-    if flags & RAY_VOLUME and not visibility & VISIBLE_VOLUME:
-        return False
-    return not (flags & RAY_TRANSMIT and not visibility & VISIBLE_TRANSMISSION)
 
 
 @kernel
@@ -145,14 +121,17 @@ def shade_lights(scene, unit, work, queue):
         counts_whole = options.use_nee == 0 or (flags & RAY_MIS_SKIP) != 0
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
         origin = load(paths.mis_origin, lane)
-        receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False)
+        tree = tree_of_ray(lights, flags)
+        receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False, tree)
         wi = load(paths.direction, lane)
         t_min = paths.mis_distance[lane]
         t_max = t_min + paths.hit_distance[lane]
         for row in range(hittable_count):
             if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or is_camera or options.use_nee == 0):
                 continue
-            if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]):
+            if not is_seen_by(flags, lights.lamp_table[row, LAMP_VISIBILITY]) or not lamp_shines(lights, flags, row):
+                continue
+            if options.use_nee != 0 and not is_camera and lamp_is_hidden(lights, row):
                 continue
             distance = lamp_hit(lights, row, origin, wi, t_min, t_max)
             if distance < 0.0:
@@ -163,7 +142,7 @@ def shade_lights(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
                 pdf = lamp_pdf(lights, row, receiver, wi, distance)
-                emitter = lights.lamp_table[row, LAMP_EMITTER]
+                emitter = lamp_emitter(lights, tree, row)
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
                 factor *= weight
             _add_lamp(lights, row, factor, unguided, distance - t_min, scene, unit, work, lane)
@@ -172,7 +151,10 @@ def shade_lights(scene, unit, work, queue):
         for row in range(first_distant, last_distant):
             if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or options.use_nee == 0):
                 continue
-            if not _sees(flags, lights.lamp_table[row, LAMP_VISIBILITY]):
+            if not is_seen_by(flags, lights.lamp_table[row, LAMP_VISIBILITY]) or not lamp_shines(lights, flags, row):
+                continue
+            if options.use_nee != 0 and lamp_is_hidden(lights, row):
+                # As in Cycles, not even the camera sees it.
                 continue
             if not distant_lamp_is_hit(lights, row, origin, wi, t_min):
                 continue
@@ -180,7 +162,7 @@ def shade_lights(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if not counts_whole:
                 pdf = distant_lamp_pdf(lights, row, receiver, wi)
-                emitter = lights.lamp_table[row, LAMP_EMITTER]
+                emitter = lamp_emitter(lights, tree, row)
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
                 factor *= weight
             _add_lamp(lights, row, factor, unguided, DISTANT, scene, unit, work, lane)

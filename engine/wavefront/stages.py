@@ -26,6 +26,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
+    SCENE_HAS_HIDDEN_LAMPS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
@@ -48,6 +49,7 @@ from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
+from engine.wavefront.hidden_lamps import leave_hidden_lamps, meet_hidden_lamps
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
@@ -183,6 +185,7 @@ _MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
 _VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
 _TRANSPARENT_SHADOWS, _ROUNDS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS), _scene(SCENE_HAS_ROUNDS)
 _SUBSURFACE = _scene(SCENE_HAS_SUBSURFACE)
+_HIDDEN_LAMPS = _scene(SCENE_HAS_HIDDEN_LAMPS)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
 _SHADOWS = _any(_EMITTERS, _OCCLUSION)
@@ -213,6 +216,8 @@ _STAGES = (
     Stage(init_from_camera, "init_from_camera"),
     Stage(start_media, "init_from_camera", _MEDIA),
     Stage(play_roulette, "play_roulette"),
+    Stage(meet_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
+    Stage(leave_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
     Stage(intersect_closest, "intersect_closest"),
     Stage(find_gaps, "sample_medium", _DENSE_MEDIA),
     Stage(light_segments, "light_segments", _all(_MEDIA, _EMITTERS)),

@@ -15,6 +15,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
+    SCENE_HAS_HIDDEN_LAMPS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
@@ -131,6 +132,18 @@ def _trace_shadows(stages, scene, unit, work):
                 stages.prepare_passed_rounds(scene, unit, work, work.pending)
             _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.pending, MODE_TRANSPARENCY)
     mark(work.clock, CLOCK.intersect_shadow)
+
+
+@kernel
+def _meet_hidden_lamps(stages, scene, unit, work):
+    """Light of lamps that rays go towards through what casts no shadow in it."""
+    stages.meet_hidden_lamps(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.hidden_lamps)
+    if scene.header[SCENE_HAS_MEDIA] != 0:
+        _attenuate_shadows(stages, scene, unit, work)
+    _trace_shadows(stages, scene, unit, work)
+    stages.leave_hidden_lamps(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.hidden_lamps)
 
 
 @kernel
@@ -302,6 +315,8 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             return 1
         stages.play_roulette(scene, unit, work, work.active)
         mark(clock, CLOCK.play_roulette)
+        if scene.header[SCENE_HAS_HIDDEN_LAMPS] != 0:
+            _meet_hidden_lamps(stages, scene, unit, work)
         stages.intersect_closest(scene, unit, work, work.traced)
         mark(clock, CLOCK.intersect_closest)
         if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:

@@ -13,15 +13,23 @@ import numpy as np
 from engine.kernels.constants import FAR
 from engine.kernels.lights import area, sphere, sun
 from engine.kernels.lights.light import LightSample
+from engine.kernels.lights.linking import lamp_emitter
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.vector import add, scale
 from engine.runtime.jit import by_number, kernel
+from engine.scene.description import (
+    VISIBLE_CAMERA,
+    VISIBLE_DIFFUSE,
+    VISIBLE_GLOSSY,
+    VISIBLE_TRANSMISSION,
+    VISIBLE_VOLUME,
+)
+from engine.state.lanes import RAY_CAMERA, RAY_DIFFUSE, RAY_GLOSSY, RAY_REFLECT, RAY_TRANSMIT, RAY_VOLUME
 from engine.state.lights import (
     EMITTER_KIND,
     EMITTER_LAMP,
     EMITTER_PROGRAM,
     EMITTER_VISIBILITY,
-    LAMP_EMITTER,
     LAMP_FLAG_MIS,
     LAMP_FLAG_SHADOW,
     LAMP_FLAGS,
@@ -45,6 +53,23 @@ _hit_distant = by_number({lamp.kind: lamp.hit for lamp in _DISTANT}, "_hit_dista
 _leaving_distant = by_number({lamp.kind: lamp.leaving for lamp in _DISTANT}, "_leaving_distant", __name__)
 
 
+_GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
+
+
+@kernel
+def is_seen_by(flags, visibility):
+    """Whether a ray of this kind sees a lamp; glossy visibility is about reflections only."""
+    if flags & RAY_CAMERA and not visibility & VISIBLE_CAMERA:
+        return False
+    if flags & RAY_DIFFUSE and not visibility & VISIBLE_DIFFUSE:
+        return False
+    if flags & _GLOSSY_REFLECTION == _GLOSSY_REFLECTION and not visibility & VISIBLE_GLOSSY:
+        return False
+    if flags & RAY_VOLUME and not visibility & VISIBLE_VOLUME:
+        return False
+    return not (flags & RAY_TRANSMIT and not visibility & VISIBLE_TRANSMISSION)
+
+
 @kernel(forceinline=True)
 def sample_lamp(lights, choice, receiver, u0, u1):
     """Draw a point of a lamp that has been chosen: LightSample."""
@@ -62,7 +87,8 @@ def sample_lamp(lights, choice, receiver, u0, u1):
         factor * lights.lamps[row, LAMP_RADIANCE + 1],
         factor * lights.lamps[row, LAMP_RADIANCE + 2],
     )
-    cast_shadow, use_mis, shows_back = (flags & LAMP_FLAG_SHADOW) != 0, (flags & LAMP_FLAG_MIS) != 0, False
+    cast_shadow, shows_back = (flags & LAMP_FLAG_SHADOW) != 0, False
+    use_mis = (flags & LAMP_FLAG_MIS) != 0
     max_bounces = np.int64(lights.lamp_table[row, LAMP_MAX_BOUNCES])
     return LightSample(
         pdf * choice.pmf, emitter, kind, found.wi, found.distance, point, found.ng, found.u, found.v, -1, -1, program,
@@ -73,8 +99,9 @@ def sample_lamp(lights, choice, receiver, u0, u1):
 @kernel
 def _choice_pmf(lights, row, receiver):
     """Probability with which a lamp is chosen for a receiver."""
+    tree = receiver.tree
     return emitter_pmf(
-        lights, selection_row(lights, receiver.p), lights.lamp_table[row, LAMP_EMITTER], receiver.p, receiver.n,
+        lights, selection_row(lights, tree, receiver.p), lamp_emitter(lights, tree, row), receiver.p, receiver.n,
         receiver.has_transmission,
     )
 

@@ -38,12 +38,6 @@ def displace(scene: Any, method: str) -> None:
     material.displacement_method = method
 
 
-def link_light(scene: Any, attribute: str) -> None:
-    import bpy
-
-    setattr(scene.objects["Lamp"].light_linking, attribute, bpy.data.collections.new("Receivers"))
-
-
 def subdivide(scene: Any) -> None:
     scene.objects["Plane"].modifiers.new("Subdivision", "SUBSURF").use_adaptive_subdivision = True
 
@@ -79,8 +73,6 @@ def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
 
 
 CASES = {
-    "light-linking": (lambda scene: link_light(scene, "receiver_collection"), "Lamp", "light linking"),
-    "shadow-linking": (lambda scene: link_light(scene, "blocker_collection"), "Lamp", "shadow linking"),
     "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
     "terminator": (switch("plane", "shadow_terminator_shading_offset", 0.3), "Plane", "shadow terminator"),
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),

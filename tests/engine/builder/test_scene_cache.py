@@ -39,6 +39,7 @@ from engine.scene.description import (
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.scene.instances import plain_instances
+from engine.scene.linking import ALL_SETS, Linking
 from engine.scene.rounds import SPHERES, Rounds
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
@@ -194,6 +195,14 @@ def _original() -> SceneDescription:
     )  # fmt: skip
 
 
+def _linking(**columns: list[int]) -> Linking:
+    """Linking of `_original` with some columns in place of those that link nothing."""
+    every = np.full(6, ALL_SETS, np.uint64)
+    plain = Linking(np.zeros(6, np.int32), np.zeros(6, np.int32), every, every, every[:3], every[:3])
+    arrays = {name: np.array(values, getattr(plain, name).dtype) for name, values in columns.items()}
+    return dataclasses.replace(plain, **arrays)
+
+
 Change = Callable[[SceneDescription], None]
 
 
@@ -289,6 +298,10 @@ CHANGES: dict[str, list[Change]] = {
     "SceneDescription.shutter_curve": [_set("shutter_curve", None),
                                        _set("shutter_curve", np.array([0.0, 1.0, 0.1], np.float32))],
     "SceneDescription.light_groups": [_set("light_groups", ("Key", "Rim"))],
+    "SceneDescription.linking": [
+        _set("linking", _linking(receiver_set=[0, 1, 0, 0, 0, 0], lamp_receivers=[ALL_SETS, 2, ALL_SETS])),
+        _set("linking", _linking(blocker_set=[0, 1, 0, 0, 0, 0], lamp_blockers=[1, ALL_SETS, ALL_SETS])),
+    ],
     "SceneDescription.rolling_shutter_duration": [_set("rolling_shutter_duration", 0.3)],
     "Camera.kind": [_set("camera.kind", "ORTHO"), _set("camera.kind", "PANO_EQUIRECTANGULAR")],
     "Camera.transform": [_set("camera.transform", _at(0.5, 0, 7))],
