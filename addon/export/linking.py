@@ -75,10 +75,11 @@ def _make_sets(context: ExportContext, collections: list[bpy.types.Collection], 
         )
     for number, collection in enumerate(collections[:MOST_SETS]):
         included = excluded = 0
-        for states, row in numbers.items():
-            if row < MOST_SETS and number in dict(states):
-                included |= (1 << row) * dict(states)[number]
-                excluded |= (1 << row) * (not dict(states)[number])
+        for pairs, row in numbers.items():
+            known = dict(pairs)
+            if row < MOST_SETS and number in known:
+                included |= (1 << row) * known[number]
+                excluded |= (1 << row) * (not known[number])
         sets.of_collection[collection.as_pointer()] = (included or ALL_SETS) & ~excluded
     return sets
 

@@ -13,6 +13,7 @@ from engine.scene.description import Camera, Frame, Instances, Light, Mesh, Scen
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
 from .context import ExportCache, ExportContext, Window
+from .culling import cull
 from .gases import export_gas
 from .geometry import export_mesh
 from .images import ImageExporter
@@ -128,6 +129,8 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
             clock.go_to(shutter.centre)
             camera = in_middle(camera, export_camera(context, camera_object))
     appearances = gather_appearances(context, materials)
+    if camera_object is not None:
+        cull(context, camera_object, frame, appearances)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
     lights, lamps = _export_lights(context, graphs, appearances)
     images.close()

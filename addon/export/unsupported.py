@@ -54,8 +54,8 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
         return
     if read_setting(shown, "shadow_terminator_shading_offset") > 0.0:
         context.notice(shown.name, "a shading offset of the shadow terminator is not supported", "no offset")
-    if _is_culled(context.scene, shown):
-        context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
+    if context.window is not None and _is_culled(context.scene, shown):
+        context.notice(shown.name, "culling in viewports is not supported", "it is always there")
     modifier = diced_modifier(context.scene, shown.original, in_window=context.window is not None)
     if modifier is not None and shown.original.as_pointer() not in context.diced:
         level = context.subdivision_levels.get(shown.original.as_pointer())

@@ -88,7 +88,7 @@ def _bits(columns: np.ndarray) -> np.ndarray:
 
 
 def find_sight(
-    linking: Linking, emitters: Int32Array, lamp_light: Int32Array, *, is_wanted: bool
+    linking: Linking | None, emitters: Int32Array, lamp_light: Int32Array, *, is_wanted: bool
 ) -> Sight | None:
     """Who sees what; None: all receivers see all emitters, and it `is_wanted` for nothing else.
 
@@ -99,6 +99,8 @@ def find_sight(
     lamp_light : int32 (L,)
         Number in `SceneDescription.lights` of each row of lamps.
     """
+    if linking is None:
+        return None
     of_surfaces, of_lamps = linking.surface_receivers, linking.lamp_receivers[lamp_light]
     bits = np.full(len(emitters), np.uint64(2**64 - 1))
     lamp, instance = emitters[:, la.EMITTER_LAMP], emitters[:, la.EMITTER_INSTANCE]

@@ -138,12 +138,10 @@ def build_lights(
     # Those that are infinitely far away come last.
     bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
     blockers = find_blockers(description.linking)
-    sight = None
-    if description.linking is not None:
-        # Kernels are compiled for scenes that link lights and shadows, or neither.
-        sight = find_sight(
-            description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], is_wanted=blockers is not None
-        )
+    # Kernels are compiled for scenes that link lights and shadows, or neither.
+    sight = find_sight(
+        description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], is_wanted=blockers is not None
+    )
     bands, sectors, patches, patch_share = divide_map(environment)
     forest = build_forest(
         Emitters(emitters, triangles.rows, bounds, distant, bool(has_background)), sight, len(patch_share)

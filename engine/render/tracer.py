@@ -11,6 +11,7 @@ import numpy as np
 
 from engine.builder.clearance import clear_distance
 from engine.builder.data_passes import build_data_view
+from engine.builder.light_clusters import possible_clusters
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.roulette.field import no_roulette_field
@@ -118,10 +119,6 @@ def _with_clearance(scene: Scene) -> np.ndarray:
 def _link_of(model: CandidateModel, batch: Batch) -> object:
     """What decides whether a stage that asks a model can ask another."""
     return model.kernel, model.memory(None)._numba_type_, batch.work.candidates._numba_type_
-
-
-#: Light trees up to which regions learn which lights they sample: what they keep grows with the square.
-_MOST_LEARNING_TREES = 8
 
 
 class Tracer:
@@ -267,20 +264,8 @@ class Tracer:
 
     @property
     def light_clusters(self) -> np.ndarray | None:
-        """Which clusters of lights can be sampled, bool (C,); where lights are linked by each light tree, bool (S, C).
-
-        None: there is nothing to choose between.
-        """
-        lights = self.view.lights
-        is_possible: np.ndarray = lights.cluster_share > 0.0
-        if not self.view.header[SCENE_HAS_EMITTERS] or is_possible.sum() < 2:
-            return None
-        tree_count = len(lights.links.trees)
-        if tree_count > _MOST_LEARNING_TREES:
-            return None
-        if tree_count:
-            return is_possible & (lights.links.cluster_tree == np.arange(tree_count)[:, None])
-        return is_possible
+        """See `possible_clusters`."""
+        return possible_clusters(self.view.lights) if self.view.header[SCENE_HAS_EMITTERS] else None
 
     @property
     def guidance(self) -> Guidance | None:

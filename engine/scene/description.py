@@ -318,8 +318,7 @@ class Light:
     graph: NodeGraph | None = None
     random: float = 0.0
     temperature: float = 0.0
-    #: Index into `SceneDescription.light_groups`, -1 = none; so of the world.
-    light_group: int = -1
+    light_group: int = -1  # index into `SceneDescription.light_groups`, -1 = none; so of the world
 
 
 @dataclass
@@ -485,10 +484,8 @@ class SceneDescription:
     #: the bottom row the last; 1: all rows all the time.
     rolling_shutter_duration: float = 1.0
     passes: PassSettings = field(default_factory=PassSettings)
-    #: Names of the view layer's light groups.
-    light_groups: tuple[str, ...] = ()
-    #: None: every emitter lights everything, and everything casts shadows in its light.
-    linking: Linking | None = None
+    light_groups: tuple[str, ...] = ()  # names of the view layer's
+    linking: Linking | None = None  # None: every emitter lights everything, and all casts shadows in its light
 
     @property
     def is_moving(self) -> bool:

@@ -121,6 +121,11 @@ def _share_of_scattering(lights, tree, collision_share, sample, p, normal):
 
 
 @kernel
+def _is_catcher(geometry, instance):
+    return geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER != 0
+
+
+@kernel
 def light_segments(scene, unit, work, queue):
     """Choose a light for every segment within media, where it is scattered, and a point on it.
 
@@ -197,9 +202,8 @@ def light_segments(scene, unit, work, queue):
         )
         if not sample.pdf > 0.0 or paths.depth[lane] > sample.max_bounces or not sample.visibility & RAY_VOLUME:
             continue
-        if follows and sample.instance >= 0:
-            if not geometry.instance_table[sample.instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
-                continue
+        if follows and sample.instance >= 0 and not _is_catcher(geometry, sample.instance):
+            continue
         scattering_share = _share_of_scattering(lights, tree, share, sample, p, normal)
         if scattering_share < 0.0:
             continue

@@ -290,6 +290,18 @@ def _scatter(stages, scene, unit, work):
 
 
 @kernel
+def _trace_paths(stages, scene, unit, work):
+    """Find what rays of paths meet."""
+    if scene.header[SCENE_HAS_HIDDEN_LAMPS] != 0:
+        _meet_hidden_lamps(stages, scene, unit, work)
+    stages.intersect_closest(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.intersect_closest)
+    if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
+        stages.find_gaps(scene, unit, work, work.traced)
+        mark(work.clock, CLOCK.sample_medium)
+
+
+@kernel
 def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
     """Trace all paths of a unit.
 
@@ -315,13 +327,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             return 1
         stages.play_roulette(scene, unit, work, work.active)
         mark(clock, CLOCK.play_roulette)
-        if scene.header[SCENE_HAS_HIDDEN_LAMPS] != 0:
-            _meet_hidden_lamps(stages, scene, unit, work)
-        stages.intersect_closest(scene, unit, work, work.traced)
-        mark(clock, CLOCK.intersect_closest)
-        if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
-            stages.find_gaps(scene, unit, work, work.traced)
-            mark(clock, CLOCK.sample_medium)
+        _trace_paths(stages, scene, unit, work)
         if has_media and scene.header[SCENE_HAS_EMITTERS] != 0:
             # Before tracking, which leaves closures where shadow rays have theirs.
             _light_segments(stages, scene, unit, guidance, work)

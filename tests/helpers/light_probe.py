@@ -244,10 +244,10 @@ def triangle_hits(
 def _triangle_pdf(lights, geometry, instances, triangles, p, n, has_transmission, time, wi, distance, out):
     for i in range(wi.shape[0]):
         direction = (wi[i, 0], wi[i, 1], wi[i, 2])
+        receiver = Receiver((p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]), has_transmission, False, 0)
         out[i] = triangle_emitter_pdf(
-            lights, geometry, 0, instances[i], triangles[i], (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-            has_transmission, direction, distance[i], time,
-        )  # fmt: skip
+            lights, geometry, receiver, instances[i], triangles[i], direction, distance[i], time
+        )
 
 
 def triangle_pdf(

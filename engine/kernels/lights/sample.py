@@ -269,12 +269,13 @@ def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
 
 
 @kernel
-def triangle_emitter_pdf(lights, geometry, tree, instance, triangle, p, n, has_transmission, wi, distance, time):
-    """Density [sr^-1] with which `sample_light` at p, n would have proposed this point of an emissive triangle.
+def triangle_emitter_pdf(lights, geometry, receiver, instance, triangle, wi, distance, time):
+    """Density [sr^-1] with which `sample_light` would have proposed this point of an emissive triangle.
 
-    `wi` and `distance` lead from p to the hit, through transparent surfaces if need be. 0 for triangles that are not
-    sampled, and for sides that are not: such a hit counts whole. Which side was hit follows from `wi`.
+    `wi` and `distance` lead from the receiver to the hit, through transparent surfaces if need be. 0 for triangles that
+    are not sampled, and for sides that are not: such a hit counts whole. Which side was hit follows from `wi`.
     """
+    p, tree = receiver.p, receiver.tree
     emitter = triangle_emitter(lights, tree, instance, triangle)
     if emitter < 0:
         return 0.0 * distance
@@ -284,7 +285,9 @@ def triangle_emitter_pdf(lights, geometry, tree, instance, triangle, p, n, has_t
     pdf = triangle_pdf(v0, edge1, edge2, p, wi, distance)
     if not pdf > 0.0:
         return pdf
-    return pdf * emitter_pmf(lights, selection_row(lights, tree, p), emitter, p, n, has_transmission)
+    return pdf * emitter_pmf(
+        lights, selection_row(lights, tree, p), emitter, p, receiver.n, receiver.has_transmission
+    )
 
 
 @kernel

@@ -42,11 +42,6 @@ def subdivide(scene: Any) -> None:
     scene.objects["Plane"].modifiers.new("Subdivision", "SUBSURF").use_adaptive_subdivision = True
 
 
-def cull(scene: Any) -> None:
-    scene.render.use_simplify = scene.cycles.use_camera_cull = True
-    scene.objects["Plane"].cycles.use_camera_cull = True
-
-
 def limit_textures(scene: Any) -> None:
     scene.render.use_simplify = True
     scene.cycles.texture_limit_render = "1024"
@@ -76,7 +71,6 @@ CASES = {
     "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
     "terminator": (switch("plane", "shadow_terminator_shading_offset", 0.3), "Plane", "shadow terminator"),
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
-    "camera-culling": (cull, "Plane", "culling"),
     "texture-limit": (limit_textures, "Scene", "limit on texture sizes"),
     "texture-resolution": (texture_resolution, "Scene", "texture resolution"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
