@@ -163,5 +163,8 @@ def test_too_many_choices_of_blockers_are_named() -> None:
     ],
 )
 def test_bad_links_are_refused(columns: dict[str, np.ndarray], message: str) -> None:
+    scene = linked([0, 1], LAMPS)
+    assert scene.linking is not None
+    scene.linking = replace(scene.linking, **columns)
     with pytest.raises(ValueError, match=message):
-        build_scene(linked([0, 1], LAMPS, **columns), RenderSettings(), SceneCache(), threads=1)
+        build_scene(scene, RenderSettings(), SceneCache(), threads=1)
