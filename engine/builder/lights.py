@@ -79,6 +79,11 @@ def _link_shadows(forest: Forest, blockers: Blockers | None, lamps: Lamps) -> Li
     return forest.links._replace(blockers=masks, hides=hides.astype(np.uint8), hidden=hidden)
 
 
+def _varying(lamps: Lamps) -> Int32Array:
+    """`LightArrays.varying`."""
+    return np.flatnonzero((lamps.table[:, la.LAMP_PROGRAM] >= 0) & (lamps.order % 2 == 0)).astype(np.int32)
+
+
 def _cluster_share(forest: Forest, patch_share: Float32Array) -> Float32Array:
     """`LightArrays.cluster_share`; 0 of a background that has patches in its place."""
     tree_count = forest.patch_count // len(patch_share) if len(patch_share) else 0
@@ -164,7 +169,7 @@ def build_lights(
         header=header, nodes=forest.nodes, child=forest.child, parent=forest.parent, distant=forest.distant,
         emitters=forest.emitters, triangles=forest.triangles,
         sources=np.zeros((0, 4), np.float32) if sources is None else sources, lamps=lamps.values,
-        lamp_table=lamps.table, lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
+        lamp_table=lamps.table, varying=_varying(lamps), lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
         map_marginal=environment.marginal, map_conditional=environment.conditional, map_guide=environment.guide,
         compensated_marginal=compensated.marginal, compensated_conditional=compensated.conditional,
         compensated_guide=compensated.guide, map_patches=patches, node_cluster=forest.node_cluster,

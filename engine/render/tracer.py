@@ -58,6 +58,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HAS_VARYING_LAMPS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
@@ -153,9 +154,8 @@ class Tracer:
         description = scene.description
         options = make_options(settings, description.frame.exposure, description.passes.occlusion_distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
-        numbers[SCENE_HANDLE] = scene.accelerator.handle
+        numbers[SCENE_HANDLE], numbers[SCENE_MASK_HANDLE] = scene.accelerator.handle, scene.accelerator.mask_handle
         numbers[SCENE_TRANSPARENT_HANDLE] = scene.accelerator.transparent_handle
-        numbers[SCENE_MASK_HANDLE] = scene.accelerator.mask_handle
         numbers[SCENE_WORLD_PROGRAM] = world
         numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
         numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1
@@ -165,6 +165,7 @@ class Tracer:
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
         numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(scene.lights.links.hidden) > 0
+        numbers[SCENE_HAS_VARYING_LAMPS] = len(scene.lights.varying) > 0
         numbers[SCENE_HAS_SUBSURFACE] = len(scene.local_scenes.handles) > 0
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies

@@ -232,6 +232,7 @@ class LightArrays(Bundle):
     triangles : float32 (T, TRIANGLE_WIDTH)
     sources : float32 (S, 4), spheres that hold all that scattered rays can find by chance: centre, squared radius [m]
     lamps : float32 (L, LAMP_WIDTH); lamp_table : int32 (L, LAMP_TABLE_WIDTH)
+    varying : int32 (V,), rows of the lamps with an extent whose emission a program tells
     lookup_offset : int64 (I, 2), where the triangles of instance i start in `lookup` (-1: it has no emitters), and
         the first triangle of its mesh
     lookup : int32 (K,), emitter of a triangle, -1 = none
@@ -262,6 +263,7 @@ class LightArrays(Bundle):
     sources: Float32Array
     lamps: Float32Array
     lamp_table: Int32Array
+    varying: Int32Array
     lookup_offset: Int64Array
     lookup: Int32Array
     map_marginal: Float32Array

@@ -46,6 +46,7 @@ from engine.state.lights import (
     LAMP_FLAG_SHADOW,
     LAMP_FLAGS,
     LAMP_LIGHT_GROUP,
+    LAMP_PROGRAM,
     LAMP_RADIANCE,
     LAMP_TEMPERATURE,
     LAMP_VISIBILITY,
@@ -72,6 +73,8 @@ def _find(lights, paths, lane, origin, wi, u):
     for k in range(lights.links.hidden.shape[0]):
         row = np.int64(lights.links.hidden[k])
         if not lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or not lamp_shines(lights, flags, row):
+            continue
+        if lights.lamp_table[row, LAMP_PROGRAM] >= 0:
             continue
         if not is_seen_by(flags, lights.lamp_table[row, LAMP_VISIBILITY]):
             continue

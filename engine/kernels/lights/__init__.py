@@ -9,6 +9,7 @@ from engine.kernels.lights.lamps import (
     lamp_hit,
     lamp_leaving,
     lamp_pdf,
+    lamp_place,
 )
 from engine.kernels.lights.light import Choice, LightSample, Receiver
 from engine.kernels.lights.linking import (
@@ -73,6 +74,7 @@ __all__ = [
     "lamp_is_hidden",
     "lamp_leaving",
     "lamp_pdf",
+    "lamp_place",
     "lamp_shines",
     "links_shadows",
     "pick_among_few",
