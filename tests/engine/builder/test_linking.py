@@ -116,7 +116,7 @@ def test_what_links_nothing_costs_nothing() -> None:
     assert lights.links.receivers.shape == (0, 0)
     assert lights.links.blockers.shape == (0, 0)
     plain, _ = build(replace(scene, linking=None))
-    assert lights._numba_type_ is plain._numba_type_
+    assert [links.shape for links in (plain.links.receivers, plain.links.rows, plain.links.hidden)] == [(0, 0), (0,), (0,)]
     assert (lights.lamp_table[:, LAMP_EMITTER] == np.arange(7)).all()
 
 
