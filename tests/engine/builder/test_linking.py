@@ -116,7 +116,8 @@ def test_what_links_nothing_costs_nothing() -> None:
     assert lights.links.receivers.shape == (0, 0)
     assert lights.links.blockers.shape == (0, 0)
     plain, _ = build(replace(scene, linking=None))
-    assert [links.shape for links in (plain.links.receivers, plain.links.rows, plain.links.hidden)] == [(0, 0), (0,), (0,)]
+    for name in ("receivers", "rows", "hidden", "blockers"):
+        assert getattr(lights.links, name).shape == getattr(plain.links, name).shape
     assert (lights.lamp_table[:, LAMP_EMITTER] == np.arange(7)).all()
 
 
