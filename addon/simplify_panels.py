@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of Simplify: what Blender itself simplifies. Cycles' texture limits and culling are not among it."""
+"""Panels of Simplify: what Blender itself simplifies, and culling. Cycles' texture limits are not among it."""
 
 from __future__ import annotations
 
@@ -56,9 +56,38 @@ class NEURALGUIDE_PT_simplify_render(RenderPanel, bpy.types.Panel):  # noqa: N80
         column.prop(render, "simplify_child_particles_render", text="Child Particles")
 
 
+class NEURALGUIDE_PT_simplify_culling(RenderPanel, bpy.types.Panel):  # noqa: N801
+    """What renders leave out of objects that want it."""
+
+    bl_label = "Culling"
+    bl_parent_id = "NEURALGUIDE_PT_simplify"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Whether Cycles' add-on, whose settings these are, is on."""
+        return super().poll(context) and hasattr(context.scene, "cycles")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        settings = context.scene.cycles
+        column = self.column()
+        column.active = context.scene.render.use_simplify
+        for switch, margin, heading in (
+            ("use_camera_cull", "camera_cull_margin", "Camera Culling"),
+            ("use_distance_cull", "distance_cull_margin", "Distance Culling"),
+        ):
+            row = column.row(heading=heading)
+            row.prop(settings, switch, text="")
+            part = row.column()
+            part.active = getattr(settings, switch)
+            part.prop(settings, margin, text="")
+
+
 #: Parents first.
 PANELS: tuple[type[bpy.types.Panel], ...] = (
     NEURALGUIDE_PT_simplify,
     NEURALGUIDE_PT_simplify_viewport,
     NEURALGUIDE_PT_simplify_render,
+    NEURALGUIDE_PT_simplify_culling,
 )

@@ -68,6 +68,7 @@ _CYCLES_PANELS = (
     "CYCLES_OBJECT_PT_motion_blur",
     "CYCLES_OBJECT_PT_visibility",
     "CYCLES_OBJECT_PT_visibility_ray_visibility",
+    "CYCLES_OBJECT_PT_visibility_culling",
     "CYCLES_OBJECT_PT_shading",  # Blender 3 and 4: later it is OBJECT_PT_shading
     "CYCLES_OBJECT_PT_lightgroup",
 )

@@ -107,8 +107,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
     (
         "Simplify", "scene.cycles",
         (
-            *_rows("said", "use_camera_cull use_distance_cull"),
-            *_rows("no", "camera_cull_margin distance_cull_margin", "belong to culling"),
+            *_rows("works", "use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin",
+                   "in renders; viewports show everything"),
             *_rows("works", "texture_limit texture_limit_render"),
             *_rows("works", "texture_resolution texture_resolution_render", is_newer=True),
         ),
@@ -153,7 +153,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "use_motion_blur use_deform_motion motion_steps"),
             *_rows("works", "shadow_terminator_geometry_offset"),
             *_rows("said", "shadow_terminator_offset", "as if it were 0, its default"),
-            *_rows("said", "use_camera_cull use_distance_cull"),
+            *_rows("works", "use_camera_cull use_distance_cull"),
             *_rows("no", "ao_distance", "belongs to Fast GI Approximation"),
             *_rows("no", "is_caustics_caster is_caustics_receiver", "caustics are found by paths"),
         ),

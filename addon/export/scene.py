@@ -13,11 +13,13 @@ from engine.scene.description import Camera, Frame, Instances, Light, Mesh, Scen
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
 from .context import ExportCache, ExportContext, Window
+from .culling import cull
 from .gases import export_gas
 from .geometry import export_mesh
 from .images import ImageExporter
 from .instances import Appearance, Appearances, gather_appearances, is_invertible
 from .lights import LightExporter
+from .linking import export_linking
 from .materials import AttributeRequest, MaterialExporter
 from .motion import add_motion
 from .nodes import GraphExporter
@@ -127,8 +129,10 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
             clock.go_to(shutter.centre)
             camera = in_middle(camera, export_camera(context, camera_object))
     appearances = gather_appearances(context, materials)
+    if camera_object is not None:
+        cull(context, camera_object, frame, appearances)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
-    lights = _export_lights(context, graphs, appearances)
+    lights, lamps = _export_lights(context, graphs, appearances)
     images.close()
     notice_scene(context)
     description = SceneDescription(
@@ -148,6 +152,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         rolling_shutter_duration=rolling,
         passes=export_pass_settings(context),
         light_groups=context.light_groups,
+        linking=export_linking(context, appearances.kinds, appearances.kind[chosen], lamps),
     )
     if context.wants_vectors:
         description.passes.motion = find_pass_motion(context, description, appearances, chosen, camera_object)
@@ -314,8 +319,12 @@ def _drop_broken(
     return chosen[is_good], transform[is_good]
 
 
-def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: Appearances) -> list[Light]:
+def _export_lights(
+    context: ExportContext, graphs: GraphExporter, appearances: Appearances
+) -> tuple[list[Light], list[Appearance]]:
+    """Lights, and what each is an appearance of."""
     lights: list[Light] = []
+    lamps: list[Appearance] = []
     exporter = LightExporter(context, graphs)
     is_light = np.array([kind.light is not None for kind in appearances.kinds] + [False], bool)
     counts: dict[str, int] = {}
@@ -339,4 +348,5 @@ def _export_lights(context: ExportContext, graphs: GraphExporter, appearances: A
         )
         if light is not None:
             lights.append(light)
-    return lights
+            lamps.append(kind)
+    return lights, lamps

@@ -44,19 +44,14 @@ def _has_texture_cache(render: bpy.types.RenderSettings) -> bool:
 
 def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
     """What a mesh or light object asks for."""
-    linking = read_setting(shown, "light_linking")
-    if linking is not None and linking.receiver_collection is not None:
-        context.notice(shown.name, "light linking is not supported", "its light falls on everything")
-    if linking is not None and linking.blocker_collection is not None:
-        context.notice(shown.name, "shadow linking is not supported", "everything casts shadows in its light")
     if shown.type == "LIGHT":
         if cycles_property(shown.data, "is_caustics_light", False):
             context.notice(shown.name, "shadow caustics are not supported", "caustics as paths happen to find them")
         return
     if read_setting(shown, "shadow_terminator_shading_offset") > 0.0:
         context.notice(shown.name, "a shading offset of the shadow terminator is not supported", "no offset")
-    if _is_culled(context.scene, shown):
-        context.notice(shown.name, "culling by camera or distance is not supported", "it is always there")
+    if context.window is not None and _is_culled(context.scene, shown):
+        context.notice(shown.name, "culling in viewports is not supported", "it is always there")
     modifier = diced_modifier(context.scene, shown.original, in_window=context.window is not None)
     if modifier is not None and shown.original.as_pointer() not in context.diced:
         level = context.subdivision_levels.get(shown.original.as_pointer())

@@ -8,6 +8,7 @@ from benchmarks.scenes import (
     cameras,
     clamped,
     closures,
+    culled,
     displaced,
     displaced_followers,
     failing_media,
@@ -18,12 +19,14 @@ from benchmarks.scenes import (
     hair,
     lights,
     limits,
+    linked,
     matter,
     matter_indoors,
     matter_large,
     media,
     motion,
     moving_strands,
+    patterned_lamps,
     plants,
     principled,
     rooms,
@@ -35,8 +38,8 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "matter",
-    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral",
-    "subsurface", "textures", "wax",
+    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
+    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked", "matter",
+    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "patterned_lamps", "plants", "principled",
+    "rooms", "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip

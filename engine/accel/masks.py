@@ -10,3 +10,7 @@ MASK_SHADOW_TRANSPARENT = 128
 MASK_MEDIUM = 256
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
+#: Bits for the objects that cast shadows in the light of emitters with collections of blockers, one a collection. They
+#: lie below `CATCHER_MASK_SHIFT`, and are free above it too.
+FIRST_BLOCKER_BIT = 9
+BLOCKER_BITS = 7

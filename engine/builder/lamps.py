@@ -159,30 +159,16 @@ def _apply_programs(lamps: LampColumns, colors: np.ndarray, programs: np.ndarray
     lamps.strength[has_program] *= np.where(is_constant[:, None], estimate, 1.0)
     lamps.estimate[has_program] = np.where(is_constant[:, None], 1.0, estimate)
     lamps.program[has_program] = np.where(is_constant, -1, own)
-    # A ray that crosses the lamp does not run its program: the lamp is left to sampling alone, which does.
-    lamps.flags[lamps.program >= 0] &= ~la.LAMP_FLAG_MIS
 
 
-def _notice(
-    lamps: LampColumns, lights: list[Light], is_finite: np.ndarray, has_size: np.ndarray, notices: list[Notice]
-) -> None:
+def _notice(lights: list[Light], is_finite: np.ndarray, has_size: np.ndarray, notices: list[Notice]) -> None:
     """What cannot be rendered as it is meant, in the order of the lights."""
-    for index in np.flatnonzero(~is_finite | ~has_size | (lamps.program >= 0)).tolist():
+    for index in np.flatnonzero(~is_finite | ~has_size).tolist():
         subject = f"light {lights[index].name}"
         if not is_finite[index]:
             notices.append(Notice(subject, "its transform or strength is NaN or infinite", "it is left out"))
             continue
-        if not has_size[index]:
-            notices.append(Notice(subject, "its size, angle or spread is NaN or infinite", "it is left out"))
-            continue
-        notices.append(
-            Notice(
-                subject,
-                "its nodes give an emission that varies",
-                "it is sampled exactly, but rays that hit it by chance (mirror reflections) do not see it; to the "
-                "camera it shows its mean",
-            )
-        )
+        notices.append(Notice(subject, "its size, angle or spread is NaN or infinite", "it is left out"))
 
 
 def _has_size(lamps: LampColumns) -> np.ndarray:
@@ -215,7 +201,7 @@ def convert_lamps(lights: list[Light], info: ProgramInfo, notices: list[Notice])
     has_size = _has_size(lamps)
     programs[~(is_finite & has_size)] = -1
     _apply_programs(lamps, np.array([light.color for light in lights], np.float64), programs, info)
-    _notice(lamps, lights, is_finite, has_size, notices)
+    _notice(lights, is_finite, has_size, notices)
     is_usable = is_finite & has_size & lamps.strength.any(axis=1) & lamps.estimate.any(axis=1)
     for index in np.flatnonzero(is_usable & ~np.isin(lamps.kind, tuple(LAMP_KINDS)))[:1].tolist():
         raise ValueError(f"light {lights[index].name}: kind is {lights[index].kind!r}, choose {', '.join(LAMP_KINDS)}")

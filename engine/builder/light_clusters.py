@@ -10,15 +10,18 @@ from __future__ import annotations
 import heapq
 
 import numpy as np
+import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array
 from engine.builder.environment import EnvironmentMap
-from engine.state.lights import GROUP_SIZE, NODE_ENERGY
+from engine.state.lights import GROUP_SIZE, NODE_ENERGY, LightArrays
 
 #: Nodes of the cut through the light tree, about: the last one that is divided may add a few.
 CUT_SIZE = 128
 #: Patches of the background: bands of latitude and sectors of longitude. A window is about as wide as one.
 BANDS, SECTORS = 8, 16
+#: Light trees up to which regions learn which lights they sample: what they keep grows with the square.
+_MOST_LEARNING_TREES = 8
 
 
 def choose_cut(nodes: Float32Array, child: Int32Array) -> tuple[Int32Array, Int32Array]:
@@ -50,6 +53,20 @@ def choose_cut(nodes: Float32Array, child: Int32Array) -> tuple[Int32Array, Int3
     cut = np.array(sorted(whole + [node for _, node in waiting]), np.int32)
     cluster[cut] = np.arange(len(cut))
     return cut, cluster
+
+
+def possible_clusters(lights: LightArrays) -> npt.NDArray[np.bool_] | None:
+    """Which clusters of lights can be sampled, bool (C,); where lights are linked by each light tree, bool (S, C).
+
+    None: there is nothing to choose between, or there are too many trees to learn it for each.
+    """
+    is_possible: npt.NDArray[np.bool_] = lights.cluster_share > 0.0
+    tree_count = len(lights.links.trees)
+    if is_possible.sum() < 2 or tree_count > _MOST_LEARNING_TREES:
+        return None
+    if tree_count:
+        return is_possible & (lights.links.cluster_tree == np.arange(tree_count)[:, None])
+    return is_possible
 
 
 def _first(part_count: int, count: int) -> np.ndarray:

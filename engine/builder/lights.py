@@ -8,16 +8,17 @@ import math
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.builder import light_tree as lt
+from engine.builder.blockers import Blockers, find_blockers
 from engine.builder.emission import ProgramInfo
 from engine.builder.emissive_triangles import find_sources, find_triangles
 from engine.builder.environment import EnvironmentMap, empty_map
 from engine.builder.lamps import Lamps, convert_lamps
-from engine.builder.light_clusters import choose_cut, divide_map
+from engine.builder.light_clusters import divide_map
+from engine.builder.light_forest import Emitters, Forest, build_forest, find_sight
 from engine.scene.description import Notice, SceneDescription, World
 from engine.state import lights as la
 from engine.state.geometry import GeometryArrays
-from engine.state.lights import LightArrays, no_selection
+from engine.state.lights import LightArrays, LightLinks, no_selection
 
 #: `World.max_bounces` from which on light sampling has no limit of its own.
 _UNLIMITED_BOUNCES = 1024
@@ -28,7 +29,7 @@ def _header(
 ) -> Int32Array:
     """What `LightArrays.header` has of emitters, of the background as it is met, and of the cut."""
     order = lamps.order
-    local_count, distant_count = int((~lamps.is_distant).sum()), int(lamps.is_distant.sum())
+    local_count = int((~lamps.is_distant).sum())
     header = np.zeros(la.HEADER_WIDTH, np.int32)
     header[la.HEADER_EMITTERS] = emitter_count
     header[la.HEADER_HITTABLE] = int((order == 0).sum())
@@ -39,7 +40,6 @@ def _header(
     header[la.HEADER_BACKGROUND_MAX_BOUNCES] = min(world.max_bounces, 1 << 20) if world else 0
     header[la.HEADER_BACKGROUND_SHADOW] = world.cast_shadow if world else 1
     header[la.HEADER_CUT] = cut_size
-    header[la.HEADER_FIRST_PATCH] = cut_size + distant_count
     header[la.HEADER_CLUSTERS] = cluster_count
     return header
 
@@ -63,6 +63,36 @@ def _write_lamps(lamps: Lamps, emitters: Int32Array) -> None:
     emitters[:, [la.EMITTER_INSTANCE, la.EMITTER_TRIANGLE]] = -1
     emitters[:, la.EMITTER_PROGRAM] = lamps.table[:, la.LAMP_PROGRAM]
     emitters[:, la.EMITTER_VISIBILITY] = lamps.table[:, la.LAMP_VISIBILITY]
+
+
+def _link_shadows(forest: Forest, blockers: Blockers | None, lamps: Lamps) -> LightLinks:
+    """Links with the masks of shadow rays."""
+    masks = np.zeros((len(forest.emitters), 1), np.int32)
+    if blockers is None:
+        return forest.links._replace(blockers=masks)
+    of_lamps = blockers.lamps[lamps.table[:, la.LAMP_LIGHT]]
+    lamp, instance = forest.emitters[:, la.EMITTER_LAMP], forest.emitters[:, la.EMITTER_INSTANCE]
+    masks[lamp >= 0, 0] = of_lamps[lamp[lamp >= 0]]
+    masks[instance >= 0, 0] = blockers.surfaces[instance[instance >= 0]]
+    hides = of_lamps != 0
+    hidden = np.flatnonzero(hides & (lamps.order % 2 == 0)).astype(np.int32)
+    return forest.links._replace(blockers=masks, hides=hides.astype(np.uint8), hidden=hidden)
+
+
+def _varying(lamps: Lamps) -> Int32Array:
+    """`LightArrays.varying`."""
+    return np.flatnonzero((lamps.table[:, la.LAMP_PROGRAM] >= 0) & (lamps.order % 2 == 0)).astype(np.int32)
+
+
+def _cluster_share(forest: Forest, patch_share: Float32Array) -> Float32Array:
+    """`LightArrays.cluster_share`; 0 of a background that has patches in its place."""
+    tree_count = forest.patch_count // len(patch_share) if len(patch_share) else 0
+    of_distant = np.ones(len(forest.distant), np.float32)
+    of_distant[forest.is_background] = 0.0
+    if not len(forest.links.trees):
+        of_distant = of_distant[~forest.is_background]
+    of_nodes = np.ones(len(forest.cluster_node), np.float32)
+    return np.concatenate([of_nodes, of_distant, np.tile(patch_share, tree_count)])
 
 
 def build_lights(
@@ -103,44 +133,45 @@ def build_lights(
     of_lamps = emitters[triangle_count : triangle_count + lamp_count]
     _write_lamps(lamps, of_lamps)
 
-    # Those that are infinitely far away come last.
-    bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
-    nodes, child, parent, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
-    emitters[: len(leaf), la.EMITTER_NODE] = leaf
-
     distant = np.zeros((distant_count + has_background, la.DISTANT_WIDTH), np.float32)
-    of_lamps[local_count:, la.EMITTER_NODE] = ~np.arange(distant_count)
     distant[:distant_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
     distant[:distant_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = lamps.distant[local_count:]
-    distant[:distant_count, la.DISTANT_EMITTER] = triangle_count + local_count + np.arange(distant_count)
     if has_background:
         assert world is not None
-        emitters[-1] = (
-            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~distant_count, world.visibility
-        )  # fmt: skip
-        distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
+        emitters[-1] = (la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, 0, world.visibility)
+        distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, 0.0, 0.0)
+    # Those that are infinitely far away come last.
+    bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
+    blockers = find_blockers(description.linking)
+    # Kernels are compiled for scenes that link lights and shadows, or neither.
+    sight = find_sight(
+        description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], is_wanted=blockers is not None
+    )
+    bands, sectors, patches, patch_share = divide_map(environment)
+    forest = build_forest(
+        Emitters(emitters, triangles.rows, bounds, distant, bool(has_background)), sight, len(patch_share)
+    )
+    links = forest.links if sight is None else _link_shadows(forest, blockers, lamps)
 
     compensated = environment.compensated
     # Where scattering finds other light than sampling does, each has to find all of its own.
     if compensated is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
         compensated = empty_map()
-    cut, node_cluster = choose_cut(nodes, child)
-    bands, sectors, patches, patch_share = divide_map(environment)
-
-    header = _header(
-        world, program_info, lamps, len(emitters), len(cut), len(cut) + distant_count + len(patches)
-    )
+    cut_size, cluster_share = len(forest.cluster_node), _cluster_share(forest, patch_share)
+    header = _header(world, program_info, lamps, len(forest.emitters), cut_size, len(cluster_share))
+    header[la.HEADER_FIRST_PATCH] = len(cluster_share) - forest.patch_count
+    header[la.HEADER_UNLINKED] = len(emitters)
     header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
     header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
     sources = _sources(geometry, program_info, lamps)
     header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
     return LightArrays(
-        header=header, nodes=nodes, child=child, parent=parent, distant=distant, emitters=emitters,
-        triangles=triangles.rows, sources=np.zeros((0, 4), np.float32) if sources is None else sources,
-        lamps=lamps.values, lamp_table=lamps.table, lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
+        header=header, nodes=forest.nodes, child=forest.child, parent=forest.parent, distant=forest.distant,
+        emitters=forest.emitters, triangles=forest.triangles,
+        sources=np.zeros((0, 4), np.float32) if sources is None else sources, lamps=lamps.values,
+        lamp_table=lamps.table, varying=_varying(lamps), lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
         map_marginal=environment.marginal, map_conditional=environment.conditional, map_guide=environment.guide,
         compensated_marginal=compensated.marginal, compensated_conditional=compensated.conditional,
-        compensated_guide=compensated.guide, map_patches=patches, node_cluster=node_cluster, cluster_node=cut,
-        cluster_share=np.concatenate([np.ones(len(cut) + distant_count, np.float32), patch_share]),
-        selection=no_selection(),
+        compensated_guide=compensated.guide, map_patches=patches, node_cluster=forest.node_cluster,
+        cluster_node=forest.cluster_node, cluster_share=cluster_share, selection=no_selection(), links=links,
     )  # fmt: skip

@@ -14,6 +14,7 @@ from engine.accel.accelerator import Accelerator, build_accelerator
 from engine.accel.hierarchies import MeshHierarchies
 from engine.accel.local_rays import LocalScenes, build_local_scenes
 from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
+from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
@@ -32,7 +33,7 @@ from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.content import Kept, Versions
 from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Mesh, Notice, SceneDescription
 from engine.scene.digest import content_digest
-from engine.scene.limits import check_frame, check_light_groups, check_memory
+from engine.scene.limits import check_frame, check_links, check_memory
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
 from engine.state.camera import CameraArrays
@@ -126,12 +127,15 @@ def _have_some(geometry: GeometryArrays, slot_counts: np.ndarray, programs: np.n
 
 def _shadow_masks(
     geometry: GeometryArrays, slot_counts: np.ndarray, shaders: ShaderArrays, description: SceneDescription,
-    media: SceneMedia,
+    media: SceneMedia, notices: list[Notice],
 ) -> np.ndarray:
     """MASK_SHADOW_* of every instance: opaque unless one of its materials may let light through.
 
     What has a medium inside has MASK_MEDIUM besides, and stops no light if it is nothing but the medium's boundary.
     """
+    blockers = find_blockers(description.linking)
+    if blockers is not None:
+        notices += blockers.notices
     table = geometry.instance_table
     flags = shaders.programs[:, PROGRAM_FLAGS]
     may_pass = (flags & PROGRAM_MAY_BE_TRANSPARENT) != 0
@@ -145,6 +149,8 @@ def _shadow_masks(
         masks[casts & ~has_passing] = MASK_SHADOW_OPAQUE
         masks[casts & has_passing] = MASK_SHADOW_TRANSPARENT
         masks[media.is_boundary] = 0
+        if blockers is not None:
+            masks[masks != 0] |= blockers.bits[masks != 0]
         masks[media.has_inside & (table[:, INSTANCE_VISIBILITY] != 0)] |= MASK_MEDIUM
     return masks
 
@@ -231,7 +237,7 @@ def _build_lights(
 
     world = description.world
     of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
-    emitting = content_digest((description.lights, of_world, info))
+    emitting = content_digest((description.lights, of_world, info, description.linking))
     key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes()
     lights, notices = cache.lights.get(key, build)
     if media.emits:
@@ -342,7 +348,7 @@ def build_scene(
         Naming what cannot be rendered and what to do.
     """
     check_frame(description.frame)
-    check_light_groups(description)
+    check_links(description)
     check_memory(description)
     notices = list(description.notices)
     programs = compile_scene(description, cache.programs)
@@ -366,7 +372,7 @@ def build_scene(
         # Media that vary have asked for the boxes of theirs.
         cache.give_up([*description.meshes, *displaced.meshes, *apart.meshes])
     del apart, displaced
-    masks = _shadow_masks(geometry, cache.geometry.slot_counts, shaders, description, media)
+    masks = _shadow_masks(geometry, cache.geometry.slot_counts, shaders, description, media, notices)
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)

@@ -25,6 +25,12 @@ from engine.state.media import (
 
 
 @kernel
+def first_medium(lanes, row):
+    """The instance of the medium that has been entered first of those around, -1: the world's, or none."""
+    return np.int64(lanes.instance[row, 0]) if lanes.count[row] > 0 else np.int64(-1)
+
+
+@kernel
 def enter_medium(lanes, row, instance, medium):
     """Add a medium to a row that does not have it; returns False if there is no room."""
     count = lanes.count[row]

@@ -4,7 +4,8 @@
 
 from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
 from engine.kernels.constants import INFINITY
-from engine.kernels.lights import finds_all
+from engine.kernels.lights import finds_all, tree_flags
+from engine.kernels.media import first_medium
 from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
 from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
@@ -35,6 +36,7 @@ from engine.state.lanes import (
     RAY_TRANSMIT,
     RAY_TRANSPARENT,
     RAY_TRANSPARENT_BACKGROUND,
+    RAY_TREE_MASK,
     RAY_VISIBILITY,
     RAY_VOLUME,
 )
@@ -51,6 +53,7 @@ _RESET = ~(
     | RAY_TRANSPARENT_BACKGROUND
     | RAY_STARTS_ON
     | RAY_SUBSURFACE
+    | RAY_TREE_MASK
 )
 
 #: What a path below a surface is no more: a ray of the camera, or the same ray behind something transparent.
@@ -141,7 +144,7 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
 
     ends = count_scattering(options, paths, lane, label)
-    flags = paths.flags[lane] & _RESET | starts_on
+    flags = paths.flags[lane] & _RESET | starts_on | tree_flags(lights, paths.hit_instance[lane])
     flags |= RAY_REFLECT if label & RAY_REFLECT else RAY_TRANSMIT
     if label & RAY_DIFFUSE:
         flags |= RAY_DIFFUSE | RAY_DIFFUSE_ANCESTOR
@@ -174,7 +177,7 @@ def ends_on_light(paths, lane, light_flags):
 
 
 @kernel
-def leave_collision(options, paths, points, media, lane, wi, pdf, phase_pdf):
+def leave_collision(options, lights, paths, points, media, lane, wi, pdf, phase_pdf):
     """Go on from a point within a medium towards `wi`; the throughput is the caller's business.
 
     Parameters
@@ -190,6 +193,7 @@ def leave_collision(options, paths, points, media, lane, wi, pdf, phase_pdf):
     _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf, unguided_pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], phase_pdf)
     flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
+    flags |= tree_flags(lights, first_medium(media, lane))
     if count_collision(options, paths, media, lane):
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT
     paths.flags[lane] = flags

@@ -11,6 +11,7 @@ import numpy as np
 
 from engine.builder.clearance import clear_distance
 from engine.builder.data_passes import build_data_view
+from engine.builder.light_clusters import possible_clusters
 from engine.builder.scene import Scene
 from engine.guiding.fields.cells.field import no_cells
 from engine.guiding.fields.roulette.field import no_roulette_field
@@ -50,12 +51,14 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
+    SCENE_HAS_HIDDEN_LAMPS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HAS_VARYING_LAMPS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
@@ -151,9 +154,8 @@ class Tracer:
         description = scene.description
         options = make_options(settings, description.frame.exposure, description.passes.occlusion_distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
-        numbers[SCENE_HANDLE] = scene.accelerator.handle
+        numbers[SCENE_HANDLE], numbers[SCENE_MASK_HANDLE] = scene.accelerator.handle, scene.accelerator.mask_handle
         numbers[SCENE_TRANSPARENT_HANDLE] = scene.accelerator.transparent_handle
-        numbers[SCENE_MASK_HANDLE] = scene.accelerator.mask_handle
         numbers[SCENE_WORLD_PROGRAM] = world
         numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
         numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1
@@ -162,6 +164,8 @@ class Tracer:
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
+        numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(scene.lights.links.hidden) > 0
+        numbers[SCENE_HAS_VARYING_LAMPS] = len(scene.lights.varying) > 0
         numbers[SCENE_HAS_SUBSURFACE] = len(scene.local_scenes.handles) > 0
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
@@ -261,11 +265,8 @@ class Tracer:
 
     @property
     def light_clusters(self) -> np.ndarray | None:
-        """Which clusters of lights can be sampled, bool (C,); None where there is nothing to choose between."""
-        is_possible: np.ndarray = self.view.lights.cluster_share > 0.0
-        if not self.view.header[SCENE_HAS_EMITTERS] or is_possible.sum() < 2:
-            return None
-        return is_possible
+        """See `possible_clusters`."""
+        return possible_clusters(self.view.lights) if self.view.header[SCENE_HAS_EMITTERS] else None
 
     @property
     def guidance(self) -> Guidance | None:

@@ -19,6 +19,7 @@ from engine.array_types import Float32Array, Int32Array, Uint32Array
 from engine.scene.dicing import Dicing
 from engine.scene.grids import Grid, VolumeMotion
 from engine.scene.image import Image
+from engine.scene.linking import Linking
 from engine.scene.panorama import Panorama, StereoEye
 from engine.scene.rounds import Rounds
 
@@ -294,8 +295,7 @@ class Light:
     graph: NodeGraph | None = None
     random: float = 0.0
     temperature: float = 0.0
-    #: Index into `SceneDescription.light_groups`, -1 = none; so of the world.
-    light_group: int = -1
+    light_group: int = -1  # index into `SceneDescription.light_groups`, -1 = none; so of the world
 
 
 @dataclass
@@ -460,8 +460,8 @@ class SceneDescription:
     #: the bottom row the last; 1: all rows all the time.
     rolling_shutter_duration: float = 1.0
     passes: PassSettings = field(default_factory=PassSettings)
-    #: Names of the view layer's light groups.
-    light_groups: tuple[str, ...] = ()
+    light_groups: tuple[str, ...] = ()  # names of the view layer's
+    linking: Linking | None = None  # None: every emitter lights everything, and all casts shadows in its light
 
     @property
     def is_moving(self) -> bool:

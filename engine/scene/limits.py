@@ -173,6 +173,13 @@ def check_frame(frame: Frame) -> None:
         )
 
 
+def check_links(description: SceneDescription) -> None:
+    """Raise ValueError where light groups, or links of lights, are not those of the scene."""
+    check_light_groups(description)
+    if description.linking is not None:
+        description.linking.check(len(description.instances.mesh), len(description.lights))
+
+
 def check_light_groups(description: SceneDescription) -> None:
     """Refuse light groups that are not among the scene's: kernels count their light without looking.
 

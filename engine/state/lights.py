@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.array_types import Float32Array, Int32Array, Int64Array
+from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
 from engine.runtime.bundle import Bundle
 
 # Kinds of emitters
@@ -139,7 +139,9 @@ HEADER_FIRST_PATCH = 12
 #: Patches of the background: bands of latitude times sectors of longitude, band by band.
 HEADER_BANDS = 13
 HEADER_SECTORS = 14
-HEADER_WIDTH = 15
+#: Emitters that there would be without links.
+HEADER_UNLINKED = 15
+HEADER_WIDTH = 16
 
 #: Steps of `map_guide`; a power of two, so that finding one's own does not round.
 MAP_GUIDE_SIZE = 64
@@ -149,8 +151,9 @@ class LightSelection(Bundle):
     """How likely regions of space choose each cluster of lights, as learned: N nodes of a binary tree, R regions.
 
     node_split, node_link, bounds, grid, grid_scale : as `engine.kernels.binary_tree` reads them
-    table : int32 (R,), row of `cumulative`; -1: the region chooses by the light tree alone
-    cumulative : float32 (S, clusters + 1), cumulative probability, 0 first and 1 last; S = 0: nothing has been learned
+    table : int32 (R,), row of `cumulative` by the number of light trees; -1: the region chooses by the tree alone
+    cumulative : float32 (S, clusters + 1), cumulative probability, 0 first and 1 last, a row for each light tree; S = 0
+        where nothing has been learned
     """
 
     _dynamic = frozenset({"cumulative"})
@@ -172,6 +175,51 @@ def no_selection() -> LightSelection:
     )
 
 
+# Columns of LightLinks.trees
+#: Group of the root, -1 = the tree has no local emitters.
+TREE_ROOT = 0
+#: Rows of `distant`.
+TREE_FIRST_DISTANT = 1
+TREE_LAST_DISTANT = 2
+#: Emitter that stands for the background, -1 = it is not sampled.
+TREE_BACKGROUND = 3
+#: The first cluster that is a patch.
+TREE_FIRST_PATCH = 4
+TREE_WIDTH = 8
+
+
+class LightLinks(Bundle):
+    """Which emitters light which instances. There are S light trees, each over the emitters that some receivers see.
+
+    An emitter is in `LightArrays.emitters` once for each tree that it is in. Without links (`receivers` has no column)
+    there is one tree, and what follows is empty. The number of columns is part of the type, so that scenes without
+    links have kernels that know nothing of them.
+
+    receivers : int32 (I, 1), tree by which an instance receives light; (0, 0) without links
+    surfaces : int64 (I,), bit t: what the instance emits lights the receivers of tree t
+    lamps : int64 (L,), the same of lamps
+    trees : int32 (S, TREE_WIDTH)
+    rows : int32 (S * E,), row of `LightArrays.emitters` of the E emitters of a scene without links, by tree; -1 = none
+    tree : int32 (E',), tree of each row of `LightArrays.emitters`
+    cluster_tree : int32 (clusters,), tree that each cluster belongs to
+    blockers : int32 (E', 1), mask of shadow rays towards each row of `LightArrays.emitters`, 0 = everything casts
+        shadows in its light; (0, 0) without links
+    hides : uint8 (L,), whether only some objects cast shadows in the light of a lamp
+    hidden : int32 (K,), rows of those lamps that have an extent
+    """
+
+    receivers: Int32Array
+    surfaces: Int64Array
+    lamps: Int64Array
+    trees: Int32Array
+    rows: Int32Array
+    tree: Int32Array
+    cluster_tree: Int32Array
+    blockers: Int32Array
+    hides: Uint8Array
+    hidden: Int32Array
+
+
 class LightArrays(Bundle):
     """All emitters, the tree over them and their shapes.
 
@@ -184,6 +232,7 @@ class LightArrays(Bundle):
     triangles : float32 (T, TRIANGLE_WIDTH)
     sources : float32 (S, 4), spheres that hold all that scattered rays can find by chance: centre, squared radius [m]
     lamps : float32 (L, LAMP_WIDTH); lamp_table : int32 (L, LAMP_TABLE_WIDTH)
+    varying : int32 (V,), rows of the lamps with an extent whose emission a program tells
     lookup_offset : int64 (I, 2), where the triangles of instance i start in `lookup` (-1: it has no emitters), and
         the first triangle of its mesh
     lookup : int32 (K,), emitter of a triangle, -1 = none
@@ -198,6 +247,7 @@ class LightArrays(Bundle):
     cluster_node : int32 (HEADER_CUT,), nodes of the cut
     cluster_share : float32 (clusters,), probability of a patch within the map; 1 of all other clusters
     selection : LightSelection, what has been learned about them
+    links : LightLinks
     """
 
     #: The map's size differs from world to world.
@@ -213,6 +263,7 @@ class LightArrays(Bundle):
     sources: Float32Array
     lamps: Float32Array
     lamp_table: Int32Array
+    varying: Int32Array
     lookup_offset: Int64Array
     lookup: Int32Array
     map_marginal: Float32Array
@@ -226,3 +277,4 @@ class LightArrays(Bundle):
     cluster_node: Int32Array
     cluster_share: Float32Array
     selection: LightSelection
+    links: LightLinks

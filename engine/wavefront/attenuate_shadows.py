@@ -11,6 +11,7 @@ from engine.accel.ray_words import MOST_BOUNDARIES
 from engine.accel.rays import read_hit, trace_closest_from, trace_occluded_from
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
+from engine.kernels.lights import links_shadows
 from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import ends_on_light, real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
@@ -208,6 +209,7 @@ def attenuate_shadows(scene, unit, work, queue):
     has_boundaries, follows = scene.header[SCENE_HAS_BOUNDARIES] != 0, unit.header[UNIT_FOLLOWS] != 0
     own = media.count.shape[0] - 1
     settles = has_boundaries and not follows and scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
+    settles = settles and not links_shadows(scene.lights)
     row_count = work.counts[SHADOW_ROWS]
     prepare_filters(work.ray_bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
     for row in range(row_count):
@@ -333,7 +335,7 @@ def begin_shadows(scene, unit, work, queue):
     paths, shadows, tracking = work.paths, work.shadows, work.tracking
     follows, first = unit.header[UNIT_FOLLOWS] != 0, tracking.rest.shape[0] // 2
     opaque = MASK_SHADOW_OPAQUE << (CATCHER_MASK_SHIFT if follows else 0)
-    settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0
+    settles = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] == 0 and not links_shadows(scene.lights)
     # Then one look is enough, for what is opaque and for boundaries.
     looks_once = settles and not follows and scene.header[SCENE_HAS_BOUNDARIES] != 0
     mask = MASK_MEDIUM | opaque if looks_once else MASK_MEDIUM

@@ -25,7 +25,9 @@ SCENE_HAS_MOVING_MEDIA = 14  # some that vary move by their own velocity while t
 SCENE_MASK_HANDLE = 15  # address of the instances' masks
 SCENE_HAS_ROUNDS = 16  # curves or spheres
 SCENE_HAS_SUBSURFACE = 17  # light that goes in below surfaces
-SCENE_HEADER_WIDTH = 18
+SCENE_HAS_HIDDEN_LAMPS = 18  # scattered rays find lamps through what casts no shadow in their light
+SCENE_HAS_VARYING_LAMPS = 19  # programs tell what lamps emit that rays may meet
+SCENE_HEADER_WIDTH = 20
 
 # UnitView.header
 UNIT_SEED = 0
@@ -84,6 +86,7 @@ class ClockEntries(NamedTuple):
 
     init_from_camera: int
     play_roulette: int
+    hidden_lamps: int
     intersect_closest: int
     track_media: int
     shade_lights: int

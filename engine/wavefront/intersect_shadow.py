@@ -10,6 +10,7 @@ all casters are.
 from engine.accel.masks import CATCHER_MASK_SHIFT, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
 from engine.accel.passing import prepare_filters, trace_passing
 from engine.accel.rays import read_hit, trace_closest, trace_closest_from, trace_occluded, trace_occluded_from
+from engine.kernels.lights import shadow_mask
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import store_depths
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput
@@ -60,16 +61,16 @@ def intersect_shadow(scene, unit, work, queue):
         Filled with the rows of `work.shadows` whose rays meet transparent blockers only.
     """
     handle, options, paths, shadows = scene.header[SCENE_HANDLE], scene.options, work.paths, work.shadows
-    passes = work.passes
+    passes, lights, samples = work.passes, scene.lights, work.samples
     ray, bits, address = work.ray, work.ray_bits, work.ray_address[0]
     has_transparent, shadow_count = scene.header[SCENE_HAS_TRANSPARENT_SHADOWS] != 0, work.counts[SHADOW_ROWS]
     work.counts[SHADOW_RAYS] += shadow_count
     pending = queue.lanes
     pending_count = 0
     shift = CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0
-    mask = MASK_SHADOW_OPAQUE << shift
+    every = MASK_SHADOW_OPAQUE << shift
     if has_transparent:
-        mask |= MASK_SHADOW_TRANSPARENT << shift
+        every |= MASK_SHADOW_TRANSPARENT << shift
         prepare_filters(bits, scene.header[SCENE_MASK_HANDLE], scene.geometry.instance_table.shape[0])
     for row in range(shadow_count):
         lane = shadows.lane[row]
@@ -83,6 +84,7 @@ def intersect_shadow(scene, unit, work, queue):
         origin = load(shadows.origin, row)
         direction = load(shadows.direction, row)
         far = shadows.distance[row]
+        mask = shadow_mask(lights, samples.emitter[lane], every, shift)
         time = paths.time[lane]
         passed = 0
         is_in_place = paths.flags[lane] & RAY_SHADOW_IN_PLACE != 0
@@ -147,13 +149,15 @@ def pass_transparent(scene, unit, work, queue):
     paths, shadows, points, closures = work.paths, work.shadows, work.light_points, work.light_shaded
     passes = work.passes
     pending, pending_count = queue.lanes, queue.count[0]
-    mask = MASK_SHADOW_TRANSPARENT << (CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0)
+    shift = CATCHER_MASK_SHIFT if unit.header[UNIT_FOLLOWS] != 0 else 0
+    every = MASK_SHADOW_TRANSPARENT << shift
     work.counts[TRANSPARENT_SHADOW_RAYS] += pending_count
     kept = 0
     for k in range(pending_count):
         row = pending[k]
         lane = shadows.lane[row]
         direction = load(shadows.direction, row)
+        mask = shadow_mask(scene.lights, work.samples.emitter[lane], every, shift)
         # A ray that has passed something since `intersect_shadow` waited for its program.
         if shadows.transparent_depth[row] > paths.transparent_depth[lane]:
             skips = name_passed(

@@ -19,11 +19,20 @@ from engine.kernels.collision import place_collision, set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.distances import choose_distance
 from engine.kernels.light_sample import keep_light_sample
-from engine.kernels.lights import Choice, Receiver, background_pdf, draw_cell, draw_triangle, sample_emitter
+from engine.kernels.lights import (
+    Choice,
+    Receiver,
+    background_pdf,
+    draw_cell,
+    draw_triangle,
+    sample_emitter,
+    tree_of_receiver,
+)
 from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.media import (
     any_varies,
+    first_medium,
     leave_objects,
     length_in_media,
     sum_coefficients,
@@ -96,19 +105,24 @@ def _stand(scene, work, lane, distance, weight):
 
 
 @kernel
-def _share_of_scattering(lights, collision_share, sample, p, normal):
+def _share_of_scattering(lights, tree, collision_share, sample, p, normal):
     """Factor on the density of the phase functions in the MIS weight of a light sample; see the module.
 
     0 where nothing but light sampling finds the light, -1 where it is left to scattering.
     """
     if not sample.use_mis:
         return 0.0 * sample.pmf
-    row = selection_row(lights, p)
+    row = selection_row(lights, tree, p)
     if sample.kind == LIGHT_BACKGROUND and row >= 0:
-        known = background_pdf(lights, p, normal, True, False, sample.wi)
+        known = background_pdf(lights, tree, p, normal, True, False, sample.wi)
     else:
         known = sample.pdf / sample.pmf * emitter_pmf(lights, row, sample.emitter, p, normal, True)
     return collision_share * sample.pdf / known if known > 0.0 else -1.0 + 0.0 * known
+
+
+@kernel
+def _is_catcher(geometry, instance):
+    return geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER != 0
 
 
 @kernel
@@ -163,7 +177,8 @@ def light_segments(scene, unit, work, queue):
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SEGMENT
         )
         origin, direction = load(paths.origin, lane), load(paths.direction, lane)
-        emitter, pmf = pick_for_segment(lights, origin, direction, length, reach, u_light)
+        tree = tree_of_receiver(lights, first_medium(media, lane))
+        emitter, pmf = pick_for_segment(lights, tree, origin, direction, length, reach, u_light)
         if emitter < 0 or not pmf > 0.0:
             continue
         set_lobes(scene, closures, media, lane)
@@ -182,15 +197,14 @@ def light_segments(scene, unit, work, queue):
         drawn = draw_triangle(lights, geometry, emitter, p, paths.time[lane], u0, u1)
         cell = draw_cell(lights, emitter, -1, False, u0, u1)
         sample = sample_emitter(
-            lights, geometry, Choice(emitter, pmf, np.int64(-1)), drawn, cell, Receiver(p, normal, True, False),
-            paths.time[lane], u0, u1,
+            lights, geometry, Choice(emitter, pmf, np.int64(-1)), drawn, cell,
+            Receiver(p, normal, True, False, tree), paths.time[lane], u0, u1,
         )
         if not sample.pdf > 0.0 or paths.depth[lane] > sample.max_bounces or not sample.visibility & RAY_VOLUME:
             continue
-        if follows and sample.instance >= 0:
-            if not geometry.instance_table[sample.instance, INSTANCE_FLAGS] & INSTANCE_FLAG_CATCHER:
-                continue
-        scattering_share = _share_of_scattering(lights, share, sample, p, normal)
+        if follows and sample.instance >= 0 and not _is_catcher(geometry, sample.instance):
+            continue
+        scattering_share = _share_of_scattering(lights, tree, share, sample, p, normal)
         if scattering_share < 0.0:
             continue
         phase_pdf = eval_phases(closures, lane, wo, sample.wi, f_cos, lane)

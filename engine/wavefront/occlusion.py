@@ -79,6 +79,7 @@ def aim_occlusion(scene, unit, work, queue):
         )
         mark_shadow(paths, lane, in_place)
         work.samples.flags[lane] &= ~LIGHT_ENDS_IN_PLACE
+        work.samples.emitter[lane] = -1
         mean = 0.0
         for c in range(RGB):
             mean += min(max(1.0 - closures.transparency[lane, c], 0.0), 1.0) * (1.0 / RGB)

@@ -20,14 +20,17 @@ from engine.kernels.lights import (
     drawn_triangle,
     finds_all,
     group_of_few,
+    is_linked,
     is_of_map,
     pick_among_few,
     put_triangle,
     row_of_map,
     sample_emitter,
     sample_triangles,
+    tree_of_receiver,
     triangle_of,
 )
+from engine.kernels.media import first_medium
 from engine.kernels.path import ends_on_light, mark_shadow, real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
@@ -117,14 +120,23 @@ def _take_receivers(scene, work, lanes, first, lane_count, learns_lights):
 
 
 @kernel(forceinline=True)
-def _choose_emitters(scene, paths, draws, count, few):
+def _tree_of(lights, work, lane):
+    """The light tree of what a lane's path has met; within media that of the medium that the path has entered first."""
+    instance = np.int64(work.paths.hit_instance[lane])
+    if is_linked(lights) and instance < 0:
+        instance = first_medium(work.media, lane)
+    return tree_of_receiver(lights, instance)
+
+
+@kernel(forceinline=True)
+def _choose_emitters(scene, work, draws, count, few):
     """Choose emitters for the first receivers in `draws`, and draw points of those that are triangles.
 
     Parameters
     ----------
     few : int, as `group_of_few` says
     """
-    lights, geometry = scene.lights, scene.geometry
+    lights, geometry, paths = scene.lights, scene.geometry, work.paths
     real, numbers = draws.real, draws.integer
     if few >= 0:
         pick_among_few(lights, few, draws)
@@ -133,8 +145,9 @@ def _choose_emitters(scene, paths, draws, count, few):
         p = (real[0, DRAW_P, k], real[0, DRAW_P + 1, k], real[0, DRAW_P + 2, k])
         if few < 0:
             n = (real[0, DRAW_N, k], real[0, DRAW_N + 1, k], real[0, DRAW_N + 2, k])
+            tree = _tree_of(lights, work, numbers[DRAW_LANE, k])
             emitter, pmf, patch = choose_emitter(
-                lights, p, n, real[0, DRAW_TRANSMITS, k] > 0.0, real[0, DRAW_U_PICK, k]
+                lights, tree, p, n, real[0, DRAW_TRANSMITS, k] > 0.0, real[0, DRAW_U_PICK, k]
             )
             numbers[DRAW_EMITTER, k] = emitter if pmf > 0.0 else -1
             numbers[DRAW_PATCH, k] = patch
@@ -204,7 +217,7 @@ def choose_lights(scene, unit, work, queue):
             numbers[DRAW_PATCH, k] = -1
     for first in range(0, lane_count, DRAW_WIDTH):
         count = _take_receivers(scene, work, lanes, first, lane_count, learns_lights)
-        _choose_emitters(scene, paths, draws, count, few)
+        _choose_emitters(scene, work, draws, count, few)
         for k in range(count):
             if numbers[DRAW_EMITTER, k] < 0:
                 continue
@@ -215,8 +228,8 @@ def choose_lights(scene, unit, work, queue):
             sample = sample_emitter(
                 lights, geometry, _choice_of(draws, k), drawn_triangle(draws, k),
                 (np.int64(numbers[DRAW_ROW, k]), np.int64(numbers[DRAW_COLUMN, k])),
-                Receiver(p, n, has_transmission, leaves_dim), paths.time[lane], real[0, DRAW_U0, k],
-                real[0, DRAW_U1, k],
+                Receiver(p, n, has_transmission, leaves_dim, _tree_of(lights, work, lane)), paths.time[lane],
+                real[0, DRAW_U0, k], real[0, DRAW_U1, k],
             )
             wi, instance = sample.wi, sample.instance
             if sample.pdf > 0.0 and (is_learned or (learns_lights and log.is_recording[lane] != 0)):

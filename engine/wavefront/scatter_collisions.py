@@ -136,4 +136,4 @@ def scatter_collisions(scene, unit, work, queue):
             roughness = phase_roughness(closures, lane) if guides_media else 0.0
             scattering = Scattering(wi, pdf, roughness, 1.0, NAN, NAN, NAN)
             log_collision(log, paths, points, closures, work.samples, lane, scattering, f_cos)
-        leave_collision(options, paths, points, media, lane, wi, pdf, pdf)
+        leave_collision(options, scene.lights, paths, points, media, lane, wi, pdf, pdf)

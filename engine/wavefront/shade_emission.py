@@ -9,7 +9,14 @@ from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
 from engine.kernels.clamping import found_alone, settle_roulette
-from engine.kernels.lights import triangle_emitter, triangle_emitter_pdf
+from engine.kernels.lights import (
+    Receiver,
+    has_blockers,
+    surface_shines,
+    tree_of_ray,
+    triangle_emitter,
+    triangle_emitter_pdf,
+)
 from engine.kernels.prefetch import ask_for_closures, ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_emission, add_seen, weigh_found
 from engine.kernels.vector import load
@@ -91,25 +98,23 @@ def shade_emission(scene, unit, work, queue):
         emitted = 0.0
         for c in range(len(paths.channels)):
             emitted = max(emitted, abs(closures.emission[lane, c]))
-        if emitted > 0.0:
+        if emitted > 0.0 and surface_shines(lights, flags, instance):
             weight = np.float32(1.0)
             unguided = found_alone(paths.unguided[lane])
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+                receiver = Receiver(
+                    load(paths.mis_origin, lane), load(paths.mis_normal, lane),
+                    (flags & RAY_MIS_HAD_TRANSMISSION) != 0, False, tree_of_ray(lights, flags),
+                )  # fmt: skip
                 pdf = triangle_emitter_pdf(
-                    lights,
-                    geometry,
-                    instance,
-                    paths.hit_triangle[lane],
-                    load(paths.mis_origin, lane),
-                    load(paths.mis_normal, lane),
-                    (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
-                    load(paths.direction, lane),
-                    paths.mis_distance[lane] + paths.hit_distance[lane],
-                    paths.time[lane],
+                    lights, geometry, receiver, instance, paths.hit_triangle[lane], load(paths.direction, lane),
+                    paths.mis_distance[lane] + paths.hit_distance[lane], paths.time[lane],
                 )
                 if pdf > 0.0:
-                    emitter = triangle_emitter(lights, instance, paths.hit_triangle[lane])
+                    emitter = triangle_emitter(lights, receiver.tree, instance, paths.hit_triangle[lane])
                     weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
+                    if has_blockers(lights, emitter):
+                        weight = np.float32(0.0)
             share = add_emission(
                 options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided,
                 geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,

@@ -26,12 +26,14 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
+    SCENE_HAS_HIDDEN_LAMPS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
+    SCENE_HAS_VARYING_LAMPS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
@@ -48,6 +50,7 @@ from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
+from engine.wavefront.hidden_lamps import leave_hidden_lamps, meet_hidden_lamps
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
@@ -69,7 +72,12 @@ from engine.wavefront.scatter import scatter
 from engine.wavefront.scatter_collisions import prepare_collisions, scatter_collisions
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission
-from engine.wavefront.shade_lights import shade_lights
+from engine.wavefront.shade_lights import (
+    add_varying_lamps,
+    keep_varying_lamps,
+    meet_varying_lamps,
+    shade_lights,
+)
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.track_media import begin_tracking, find_collisions, meet_media
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
@@ -183,6 +191,7 @@ _MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
 _VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
 _TRANSPARENT_SHADOWS, _ROUNDS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS), _scene(SCENE_HAS_ROUNDS)
 _SUBSURFACE = _scene(SCENE_HAS_SUBSURFACE)
+_HIDDEN_LAMPS, _VARYING_LAMPS = _scene(SCENE_HAS_HIDDEN_LAMPS), _scene(SCENE_HAS_VARYING_LAMPS)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
 _SHADOWS = _any(_EMITTERS, _OCCLUSION)
@@ -213,6 +222,8 @@ _STAGES = (
     Stage(init_from_camera, "init_from_camera"),
     Stage(start_media, "init_from_camera", _MEDIA),
     Stage(play_roulette, "play_roulette"),
+    Stage(meet_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
+    Stage(leave_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
     Stage(intersect_closest, "intersect_closest"),
     Stage(find_gaps, "sample_medium", _DENSE_MEDIA),
     Stage(light_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
@@ -222,6 +233,9 @@ _STAGES = (
     Stage(move_media, "track_media attenuate_shadows", _MOVING_MEDIA),
     Stage(meet_media, "track_media", _VARYING_MEDIA),
     Stage(shade_lights, "shade_lights", _LAMPS),
+    Stage(meet_varying_lamps, "shade_lights", _VARYING_LAMPS),
+    Stage(keep_varying_lamps, "shade_lights", _VARYING_LAMPS),
+    Stage(add_varying_lamps, "shade_lights", _VARYING_LAMPS),
     Stage(sample_medium, "sample_medium", _MEDIA),
     Stage(meet_catchers, "catch_shadows", _CATCHES),
     Stage(show_background, "catch_shadows shade_background", _CATCHES),
@@ -235,13 +249,13 @@ _STAGES = (
     Stage(shade_background, "shade_background"),
     Stage(
         evaluate_shaders,
-        "evaluate_shaders evaluate_light_shaders catch_shadows shade_background track_media attenuate_shadows "
-        "intersect_shadow",
+        "evaluate_shaders evaluate_light_shaders shade_lights catch_shadows shade_background track_media "
+        "attenuate_shadows intersect_shadow",
         takes=_shading,
     ),
     Stage(leave_subsurface, "evaluate_shaders", _SUBSURFACE),
     Stage(
-        upsample_emission, "upsample catch_shadows shade_background", _SPECTRAL,
+        upsample_emission, "upsample shade_lights catch_shadows shade_background", _SPECTRAL,
         lambda loop: (loop.scene, loop.work, loop.work.points, loop.work.closures, loop.work.active),
     ),
     Stage(shade_emission, "shade_emission"),

@@ -15,11 +15,13 @@ from engine.wavefront.columns import (
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
+    SCENE_HAS_HIDDEN_LAMPS,
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
+    SCENE_HAS_VARYING_LAMPS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_WORLD_IS_CONSTANT,
@@ -131,6 +133,18 @@ def _trace_shadows(stages, scene, unit, work):
                 stages.prepare_passed_rounds(scene, unit, work, work.pending)
             _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.pending, MODE_TRANSPARENCY)
     mark(work.clock, CLOCK.intersect_shadow)
+
+
+@kernel
+def _meet_hidden_lamps(stages, scene, unit, work):
+    """Light of lamps that rays go towards through what casts no shadow in it."""
+    stages.meet_hidden_lamps(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.hidden_lamps)
+    if scene.header[SCENE_HAS_MEDIA] != 0:
+        _attenuate_shadows(stages, scene, unit, work)
+    _trace_shadows(stages, scene, unit, work)
+    stages.leave_hidden_lamps(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.hidden_lamps)
 
 
 @kernel
@@ -277,6 +291,42 @@ def _scatter(stages, scene, unit, work):
 
 
 @kernel
+def _shade_lights(stages, scene, unit, work):
+    """Light of lamps that rays have crossed."""
+    stages.shade_lights(scene, unit, work, work.traced)
+    if scene.header[SCENE_HAS_VARYING_LAMPS] != 0:
+        stages.add_varying_lamps(scene, unit, work, work.programs)
+    mark(work.clock, CLOCK.shade_lights)
+
+
+@kernel
+def _follow_rays(stages, scene, unit, work):
+    """Look at the way to what rays have met: for lamps whose emission a program tells, and in media that vary."""
+    if scene.header[SCENE_HAS_VARYING_LAMPS] != 0:
+        stages.meet_varying_lamps(scene, unit, work, work.traced)
+        if work.programs.count[0] > 0:
+            _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
+            if scene.header[SCENE_IS_SPECTRAL] != 0:
+                stages.upsample_emission(scene, work, work.light_points, work.light_closures, work.programs)
+            stages.keep_varying_lamps(scene, unit, work, work.programs)
+        mark(work.clock, CLOCK.shade_lights)
+    if scene.header[SCENE_HAS_VARYING_MEDIA] != 0:
+        _track_media(stages, scene, unit, work)
+
+
+@kernel
+def _trace_paths(stages, scene, unit, work):
+    """Find what rays of paths meet."""
+    if scene.header[SCENE_HAS_HIDDEN_LAMPS] != 0:
+        _meet_hidden_lamps(stages, scene, unit, work)
+    stages.intersect_closest(scene, unit, work, work.traced)
+    mark(work.clock, CLOCK.intersect_closest)
+    if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
+        stages.find_gaps(scene, unit, work, work.traced)
+        mark(work.clock, CLOCK.sample_medium)
+
+
+@kernel
 def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
     """Trace all paths of a unit.
 
@@ -302,19 +352,13 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             return 1
         stages.play_roulette(scene, unit, work, work.active)
         mark(clock, CLOCK.play_roulette)
-        stages.intersect_closest(scene, unit, work, work.traced)
-        mark(clock, CLOCK.intersect_closest)
-        if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
-            stages.find_gaps(scene, unit, work, work.traced)
-            mark(clock, CLOCK.sample_medium)
+        _trace_paths(stages, scene, unit, work)
         if has_media and scene.header[SCENE_HAS_EMITTERS] != 0:
             # Before tracking, which leaves closures where shadow rays have theirs.
             _light_segments(stages, scene, unit, guidance, work)
-        if scene.header[SCENE_HAS_VARYING_MEDIA] != 0:
-            _track_media(stages, scene, unit, work)
+        _follow_rays(stages, scene, unit, work)
         if scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0:
-            stages.shade_lights(scene, unit, work, work.traced)
-            mark(clock, CLOCK.shade_lights)
+            _shade_lights(stages, scene, unit, work)
         if has_media:
             stages.sample_medium(scene, unit, work, work.traced)
             mark(clock, CLOCK.sample_medium)

@@ -25,6 +25,7 @@ from engine.kernels.lights import (
     sample_light,
     triangle_emitter_pdf,
 )
+from engine.kernels.lights.linking import tree_of_emitter
 from engine.kernels.lights.tree import emitter_pmf, pick_emitter, selection_row
 from engine.runtime.jit import kernel
 from engine.scene.description import Camera, Frame, Light, Mesh, SceneDescription, World
@@ -107,7 +108,7 @@ def build(
 @kernel
 def _draw(lights, geometry, p, n, has_transmission, leaves_dim, time, u, out):
     for i in range(u.shape[0]):
-        receiver = Receiver((p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]), has_transmission, leaves_dim)
+        receiver = Receiver((p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]), has_transmission, leaves_dim, 0)
         sample = sample_light(lights, geometry, receiver, time, u[i, 0], u[i, 1], u[i, 2])
         out[i, PDF] = sample.pdf
         out[i, EMITTER] = sample.emitter
@@ -176,10 +177,10 @@ class Hits(NamedTuple):
 
 @kernel
 def _hits(lights, p, n, has_transmission, leaves_dim, directions, pdfs, distances, radiances):
-    receiver = Receiver((p[0], p[1], p[2]), (n[0], n[1], n[2]), has_transmission, leaves_dim)
+    receiver = Receiver((p[0], p[1], p[2]), (n[0], n[1], n[2]), has_transmission, leaves_dim, 0)
     for i in range(directions.shape[0]):
         wi = (directions[i, 0], directions[i, 1], directions[i, 2])
-        pdfs[i] = background_pdf(lights, receiver.p, receiver.n, has_transmission, leaves_dim, wi)
+        pdfs[i] = background_pdf(lights, 0, receiver.p, receiver.n, has_transmission, leaves_dim, wi)
         if pdfs[i] > 0.0:
             distances[i], radiances[i] = DISTANT, 1.0
         for row in range(lights.header[HEADER_HITTABLE]):
@@ -243,10 +244,10 @@ def triangle_hits(
 def _triangle_pdf(lights, geometry, instances, triangles, p, n, has_transmission, time, wi, distance, out):
     for i in range(wi.shape[0]):
         direction = (wi[i, 0], wi[i, 1], wi[i, 2])
+        receiver = Receiver((p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]), has_transmission, False, 0)
         out[i] = triangle_emitter_pdf(
-            lights, geometry, instances[i], triangles[i], (p[i, 0], p[i, 1], p[i, 2]), (n[i, 0], n[i, 1], n[i, 2]),
-            has_transmission, direction, distance[i], time,
-        )  # fmt: skip
+            lights, geometry, receiver, instances[i], triangles[i], direction, distance[i], time
+        )
 
 
 def triangle_pdf(
@@ -270,8 +271,9 @@ def _pmfs(lights, p, n, has_transmission, out):
     for i in range(p.shape[0]):
         for emitter in range(out.shape[1]):
             at = (p[i, 0], p[i, 1], p[i, 2])
+            row = selection_row(lights, tree_of_emitter(lights, emitter), at)
             out[i, emitter] = emitter_pmf(
-                lights, selection_row(lights, at), emitter, at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission
+                lights, row, emitter, at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission
             )
 
 
@@ -283,20 +285,20 @@ def pmfs(lights: LightArrays, p: np.ndarray, n: np.ndarray, has_transmission: bo
 
 
 @kernel
-def _picks(lights, p, n, has_transmission, u, emitters, pmf):
+def _picks(lights, tree, p, n, has_transmission, u, emitters, pmf):
     for i in range(u.shape[0]):
         at = (p[i, 0], p[i, 1], p[i, 2])
         emitters[i], pmf[i], _patch = pick_emitter(
-            lights, selection_row(lights, at), at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission, u[i]
+            lights, selection_row(lights, tree, at), tree, at, (n[i, 0], n[i, 1], n[i, 2]), has_transmission, u[i]
         )
 
 
 def picks(
-    lights: LightArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False
+    lights: LightArrays, p: Any, n: Any, u: np.ndarray, has_transmission: bool = False, tree: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Emitters chosen (-1 = none) and their probability, for random numbers (N,)."""
     emitters, pmf = np.zeros(len(u), np.int32), np.zeros(len(u), np.float32)
-    _picks(lights, _rows(p, len(u)), _rows(n, len(u)), has_transmission, u.astype(np.float32), emitters, pmf)
+    _picks(lights, tree, _rows(p, len(u)), _rows(n, len(u)), has_transmission, u.astype(np.float32), emitters, pmf)
     return emitters, pmf
 
 

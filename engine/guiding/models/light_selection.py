@@ -82,8 +82,8 @@ class LightSelectionModel:
 
     Parameters
     ----------
-    is_possible : bool (C,)
-        Which clusters can be sampled at all.
+    is_possible : bool (C,) or (S, C)
+        Which clusters can be sampled at all; by each light tree, where lights are linked.
     region_count : int
         Regions that there are already.
 
@@ -97,6 +97,8 @@ class LightSelectionModel:
     """
 
     def __init__(self, is_possible: npt.NDArray[np.bool_], region_count: int = 1) -> None:
+        self._trees = np.atleast_2d(is_possible)
+        is_possible = self._trees.any(axis=0)
         self._even = is_possible / max(int(is_possible.sum()), 1)
         self.sums = np.zeros((region_count, len(is_possible)))
         self.drawn = np.zeros((region_count, len(is_possible)))
@@ -140,12 +142,22 @@ class LightSelectionModel:
         doubt = (_TREE_SHARE + (1.0 - _TREE_SHARE) * _DOUBT_COUNT / (known + _DOUBT_COUNT))[:, None]
         mixed = (1.0 - _EVEN_SHARE) * ((1.0 - doubt) * learned + doubt * drawn) + _EVEN_SHARE * self._even
         mixed /= mixed.sum(axis=1)[:, None]
+        if len(self._trees) > 1:
+            mixed = self._within_trees(mixed)
         moment = (self.sums / np.maximum(mixed, 1e-300)).sum(axis=1)
         pays = (known >= _LEAST_COUNT) & (self.tree_moment >= _LEAST_BENEFIT * moment)
         saved = (self.tree_moment - moment)[pays].sum()
         if not saved > _LEAST_SAVED * self.tree_moment.sum():
             pays[:] = False
         return mixed, pays
+
+    def _within_trees(self, probability: np.ndarray) -> np.ndarray:
+        """Probabilities (R, C) of clusters among those of the same light tree."""
+        shares = np.zeros_like(probability)
+        for is_in_tree in self._trees:
+            total = probability[:, is_in_tree].sum(axis=1, keepdims=True)
+            shares[:, is_in_tree] = probability[:, is_in_tree] / np.maximum(total, 1e-300)
+        return shares
 
     def selection(self, regions: RegionTree) -> LightSelection:
         """What kernels choose by; ask once an update."""
@@ -159,8 +171,11 @@ class LightSelectionModel:
             return no_selection()
         table = np.full(len(pays), -1, np.int32)
         table[pays] = np.arange(int(pays.sum()))
-        cumulative = np.zeros((int(pays.sum()), probability.shape[1] + 1), np.float32)
-        cumulative[:, 1:] = np.cumsum(probability[pays], axis=1)
-        cumulative[:, -1] = 1.0
+        # A region has a row for each light tree.
+        by_tree = (probability[pays][:, None] * self._trees).reshape(-1, probability.shape[1])
+        cumulative = np.zeros((len(by_tree), probability.shape[1] + 1), np.float32)
+        cumulative[:, 1:] = np.cumsum(by_tree, axis=1)
+        # What comes behind a tree's last cluster has no probability.
+        cumulative[cumulative >= cumulative[:, -1:]] = 1.0
         self.share = float(pays.mean())
         return LightSelection(**regions.published._asdict(), table=table, cumulative=cumulative)

@@ -112,4 +112,4 @@ def send_on_from_collision(scene, unit, guide, work, lane, candidate, weight, be
         scattering = Scattering(wi, 1.0 / weight, phase_roughness(closures, lane), 1.0, benefit, phase_pdf, guide_pdf)
         log_collision(log, paths, points, closures, work.samples, lane, scattering, f_cos)
     mis_pdf = phase_pdf if media.is_lit[lane] != 0 else candidate.source_pdf
-    leave_collision(scene.options, paths, points, media, lane, wi, mis_pdf, phase_pdf)
+    leave_collision(scene.options, scene.lights, paths, points, media, lane, wi, mis_pdf, phase_pdf)

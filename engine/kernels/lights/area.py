@@ -321,4 +321,18 @@ def leaving_area(lights, row, p, wi):
     return spread_attenuation(lights.lamps, row, cosine)
 
 
-LAMP = Lamp(AREA, False, sample_area, area_pdf, hit_area, leaving_area)
+@kernel
+def place_area(lights, row, origin, direction, t):
+    """See `Lamp.place`."""
+    lamps = lights.lamps
+    inplane = (
+        origin[0] + t * direction[0] - lamps[row, LAMP_P],
+        origin[1] + t * direction[1] - lamps[row, LAMP_P + 1],
+        origin[2] + t * direction[2] - lamps[row, LAMP_P + 2],
+    )
+    u = dot((lamps[row, AXIS_U], lamps[row, AXIS_U + 1], lamps[row, AXIS_U + 2]), inplane) / lamps[row, LENGTH_U]
+    v = dot((lamps[row, AXIS_V], lamps[row, AXIS_V + 1], lamps[row, AXIS_V + 2]), inplane) / lamps[row, LENGTH_V]
+    return (lamps[row, DIRECTION], lamps[row, DIRECTION + 1], lamps[row, DIRECTION + 2]), v + 0.5, -u - v
+
+
+LAMP = Lamp(AREA, False, sample_area, area_pdf, hit_area, leaving_area, place_area)

@@ -61,6 +61,9 @@ class Lamp:
         -1 = not; DISTANT if the ray goes towards a lamp that is infinitely far away. Not asked of delta lamps.
     leaving : kernel
         (lights, row, p, wi) -> share of its radiance that leaves along -wi towards p: `LampPoint.factor` of a hit.
+    place : kernel
+        (lights, row, origin, direction, t) -> normal on the ray's side and texture coordinates u, v where a ray meets
+        it: `LampPoint.ng`, `u` and `v` of a hit.
     """
 
     kind: int
@@ -69,3 +72,4 @@ class Lamp:
     pdf: Any
     hit: Any
     leaving: Any
+    place: Any

@@ -13,15 +13,23 @@ import numpy as np
 from engine.kernels.constants import FAR
 from engine.kernels.lights import area, sphere, sun
 from engine.kernels.lights.light import LightSample
+from engine.kernels.lights.linking import has_blockers, lamp_emitter
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.vector import add, scale
 from engine.runtime.jit import by_number, kernel
+from engine.scene.description import (
+    VISIBLE_CAMERA,
+    VISIBLE_DIFFUSE,
+    VISIBLE_GLOSSY,
+    VISIBLE_TRANSMISSION,
+    VISIBLE_VOLUME,
+)
+from engine.state.lanes import RAY_CAMERA, RAY_DIFFUSE, RAY_GLOSSY, RAY_REFLECT, RAY_TRANSMIT, RAY_VOLUME
 from engine.state.lights import (
     EMITTER_KIND,
     EMITTER_LAMP,
     EMITTER_PROGRAM,
     EMITTER_VISIBILITY,
-    LAMP_EMITTER,
     LAMP_FLAG_MIS,
     LAMP_FLAG_SHADOW,
     LAMP_FLAGS,
@@ -40,9 +48,27 @@ _sample = by_number({lamp.kind: lamp.sample for lamp in LAMPS}, "_sample", __nam
 _pdf = by_number({lamp.kind: lamp.pdf for lamp in _LOCAL}, "_pdf", __name__)
 _hit = by_number({lamp.kind: lamp.hit for lamp in _LOCAL}, "_hit", __name__)
 _leaving = by_number({lamp.kind: lamp.leaving for lamp in _LOCAL}, "_leaving", __name__)
+_place = by_number({lamp.kind: lamp.place for lamp in LAMPS}, "_place", __name__)
 _pdf_of_distant = by_number({lamp.kind: lamp.pdf for lamp in _DISTANT}, "_pdf_of_distant", __name__)
 _hit_distant = by_number({lamp.kind: lamp.hit for lamp in _DISTANT}, "_hit_distant", __name__)
 _leaving_distant = by_number({lamp.kind: lamp.leaving for lamp in _DISTANT}, "_leaving_distant", __name__)
+
+
+_GLOSSY_REFLECTION = RAY_GLOSSY | RAY_REFLECT
+
+
+@kernel
+def is_seen_by(flags, visibility):
+    """Whether a ray of this kind sees a lamp; glossy visibility is about reflections only."""
+    if flags & RAY_CAMERA and not visibility & VISIBLE_CAMERA:
+        return False
+    if flags & RAY_DIFFUSE and not visibility & VISIBLE_DIFFUSE:
+        return False
+    if flags & _GLOSSY_REFLECTION == _GLOSSY_REFLECTION and not visibility & VISIBLE_GLOSSY:
+        return False
+    if flags & RAY_VOLUME and not visibility & VISIBLE_VOLUME:
+        return False
+    return not (flags & RAY_TRANSMIT and not visibility & VISIBLE_TRANSMISSION)
 
 
 @kernel(forceinline=True)
@@ -62,7 +88,9 @@ def sample_lamp(lights, choice, receiver, u0, u1):
         factor * lights.lamps[row, LAMP_RADIANCE + 1],
         factor * lights.lamps[row, LAMP_RADIANCE + 2],
     )
-    cast_shadow, use_mis, shows_back = (flags & LAMP_FLAG_SHADOW) != 0, (flags & LAMP_FLAG_MIS) != 0, False
+    cast_shadow, shows_back = (flags & LAMP_FLAG_SHADOW) != 0, False
+    # A hidden lamp that varies is found by light samples alone.
+    use_mis = (flags & LAMP_FLAG_MIS) != 0 and not (program >= 0 and has_blockers(lights, emitter))
     max_bounces = np.int64(lights.lamp_table[row, LAMP_MAX_BOUNCES])
     return LightSample(
         pdf * choice.pmf, emitter, kind, found.wi, found.distance, point, found.ng, found.u, found.v, -1, -1, program,
@@ -73,8 +101,9 @@ def sample_lamp(lights, choice, receiver, u0, u1):
 @kernel
 def _choice_pmf(lights, row, receiver):
     """Probability with which a lamp is chosen for a receiver."""
+    tree = receiver.tree
     return emitter_pmf(
-        lights, selection_row(lights, receiver.p), lights.lamp_table[row, LAMP_EMITTER], receiver.p, receiver.n,
+        lights, selection_row(lights, tree, receiver.p), lamp_emitter(lights, tree, row), receiver.p, receiver.n,
         receiver.has_transmission,
     )
 
@@ -89,6 +118,12 @@ def lamp_hit(lights, row, origin, direction, t_min, t_max):
 def lamp_leaving(lights, row, p, wi):
     """Share of the radiance of lamp `row`, one in the scene, that leaves along -wi towards p."""
     return _leaving(lights.lamp_table[row, LAMP_KIND], lights, row, p, wi)
+
+
+@kernel
+def lamp_place(lights, row, origin, direction, t):
+    """Normal, and texture coordinates u and v, where a ray meets lamp `row`, of any kind."""
+    return _place(lights.lamp_table[row, LAMP_KIND], lights, row, origin, direction, t)
 
 
 @kernel

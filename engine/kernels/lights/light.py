@@ -21,12 +21,15 @@ class Receiver(NamedTuple):
         It also scatters light that comes from behind n.
     leaves_dim : bool
         The background's dim parts are left to scattering (`finds_all`).
+    tree : int
+        The light tree by which it receives light (`engine.kernels.lights.linking`).
     """
 
     p: _Vector
     n: _Vector
     has_transmission: bool
     leaves_dim: bool
+    tree: int | np.int64
 
 
 class Choice(NamedTuple):

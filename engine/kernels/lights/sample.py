@@ -22,6 +22,13 @@ from engine.kernels.lights.background import (
 )
 from engine.kernels.lights.lamps import sample_lamp
 from engine.kernels.lights.light import Choice, LightSample
+from engine.kernels.lights.linking import (
+    background_emitter,
+    emitter_in_tree,
+    first_patch,
+    has_blockers,
+    tree_of_emitter,
+)
 from engine.kernels.lights.tree import (
     cluster_of,
     cluster_pmf,
@@ -43,11 +50,9 @@ from engine.state.lights import (
     EMITTER_PROGRAM,
     EMITTER_TRIANGLE,
     EMITTER_VISIBILITY,
-    HEADER_BACKGROUND_EMITTER,
     HEADER_BACKGROUND_MAX_BOUNCES,
     HEADER_BACKGROUND_SHADOW,
     HEADER_BANDS,
-    HEADER_FIRST_PATCH,
     HEADER_SECTORS,
     LIGHT_BACKGROUND,
     LIGHT_TRIANGLE,
@@ -94,16 +99,16 @@ def sample_light(lights, geometry, receiver, time, u_pick, u0, u1):
     -------
     LightSample
     """
-    choice = choose_emitter(lights, receiver.p, receiver.n, receiver.has_transmission, u_pick)
+    choice = choose_emitter(lights, receiver.tree, receiver.p, receiver.n, receiver.has_transmission, u_pick)
     drawn = draw_triangle(lights, geometry, choice.emitter, receiver.p, time, u0, u1)
     cell = draw_cell(lights, choice.emitter, choice.patch, receiver.leaves_dim, u0, u1)
     return sample_emitter(lights, geometry, choice, drawn, cell, receiver, time, u0, u1)
 
 
 @kernel(forceinline=True)
-def choose_emitter(lights, p, n, has_transmission, u):
+def choose_emitter(lights, tree, p, n, has_transmission, u):
     """The emitter that `sample_light` chooses: Choice."""
-    emitter, pmf, patch = pick_emitter(lights, selection_row(lights, p), p, n, has_transmission, u)
+    emitter, pmf, patch = pick_emitter(lights, selection_row(lights, tree, p), tree, p, n, has_transmission, u)
     return Choice(emitter, pmf, patch)
 
 
@@ -229,7 +234,7 @@ def _sample_triangle(lights, geometry, choice, drawn, time, u0):
         lights.triangles[emitter, TRIANGLE_RADIANCE + 1],
         lights.triangles[emitter, TRIANGLE_RADIANCE + 2],
     )
-    cast_shadow, use_mis = True, True
+    cast_shadow, use_mis = True, not has_blockers(lights, emitter)
     shows_back = facing < 0.0 if flags & EMITTER_MIRRORED else facing > 0.0
     return LightSample(
         pdf * choice.pmf, emitter, LIGHT_TRIANGLE, wi, distance, point, ng, u, v, instance, triangle, program, radiance,
@@ -244,7 +249,8 @@ def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
     if choice.patch >= 0:
         pdf, wi = sample_patch(
             lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
-            lights.header[HEADER_SECTORS], choice.patch - lights.header[HEADER_FIRST_PATCH], u0, u1,
+            lights.header[HEADER_SECTORS], choice.patch - first_patch(lights, tree_of_emitter(lights, emitter)), u0,
+            u1,
         )
     elif leaves_dim:
         pdf, wi = sample_cell(lights.compensated_marginal, lights.compensated_conditional, cell[0], cell[1], u0, u1)
@@ -263,13 +269,14 @@ def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
 
 
 @kernel
-def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmission, wi, distance, time):
-    """Density [sr^-1] with which `sample_light` at p, n would have proposed this point of an emissive triangle.
+def triangle_emitter_pdf(lights, geometry, receiver, instance, triangle, wi, distance, time):
+    """Density [sr^-1] with which `sample_light` would have proposed this point of an emissive triangle.
 
-    `wi` and `distance` lead from p to the hit, through transparent surfaces if need be. 0 for triangles that are not
-    sampled, and for sides that are not: such a hit counts whole. Which side was hit follows from `wi`.
+    `wi` and `distance` lead from the receiver to the hit, through transparent surfaces if need be. 0 for triangles that
+    are not sampled, and for sides that are not: such a hit counts whole. Which side was hit follows from `wi`.
     """
-    emitter = triangle_emitter(lights, instance, triangle)
+    p, tree = receiver.p, receiver.tree
+    emitter = triangle_emitter(lights, tree, instance, triangle)
     if emitter < 0:
         return 0.0 * distance
     v0, edge1, edge2 = emissive_triangle(lights, geometry, emitter, time)
@@ -278,31 +285,33 @@ def triangle_emitter_pdf(lights, geometry, instance, triangle, p, n, has_transmi
     pdf = triangle_pdf(v0, edge1, edge2, p, wi, distance)
     if not pdf > 0.0:
         return pdf
-    return pdf * emitter_pmf(lights, selection_row(lights, p), emitter, p, n, has_transmission)
+    return pdf * emitter_pmf(
+        lights, selection_row(lights, tree, p), emitter, p, receiver.n, receiver.has_transmission
+    )
 
 
 @kernel
-def triangle_emitter(lights, instance, triangle):
-    """Row of `lights.emitters` of an emissive triangle; -1: it is not sampled."""
+def triangle_emitter(lights, tree, instance, triangle):
+    """Row of `lights.emitters` of an emissive triangle in a light tree; -1: it is not sampled."""
     first = lights.lookup_offset[instance, 0]
     if first < 0:
         return np.int64(-1)
-    return np.int64(lights.lookup[first + triangle - lights.lookup_offset[instance, 1]])
+    return emitter_in_tree(lights, tree, np.int64(lights.lookup[first + triangle - lights.lookup_offset[instance, 1]]))
 
 
 @kernel
-def background_pdf(lights, p, n, has_transmission, leaves_dim, direction):
+def background_pdf(lights, tree, p, n, has_transmission, leaves_dim, direction):
     """Density [sr^-1] with which `sample_light` would have proposed this direction as background; 0: never."""
-    emitter = lights.header[HEADER_BACKGROUND_EMITTER]
+    emitter = background_emitter(lights, tree)
     if emitter < 0:
         return 0.0 * p[0]
-    row = selection_row(lights, p)
+    row = selection_row(lights, tree, p)
     if row >= 0:
         patch, pdf = patch_pdf(
             lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
             lights.header[HEADER_SECTORS], direction,
         )
-        return pdf * cluster_pmf(lights, row, lights.header[HEADER_FIRST_PATCH] + patch)
+        return pdf * cluster_pmf(lights, row, first_patch(lights, tree) + patch)
     if leaves_dim:
         pdf = map_pdf(lights.compensated_marginal, lights.compensated_conditional, direction)
     else:
@@ -327,15 +336,16 @@ def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi)
     """
     patch = -1
     ratio = 0.0 * p[0] + 1.0
-    if emitter == lights.header[HEADER_BACKGROUND_EMITTER]:
-        patch = lights.header[HEADER_FIRST_PATCH] + patch_of(
+    tree = tree_of_emitter(lights, emitter)
+    if emitter == background_emitter(lights, tree):
+        patch = first_patch(lights, tree) + patch_of(
             lights.map_conditional, lights.header[HEADER_BANDS], lights.header[HEADER_SECTORS], wi
         )
         if leaves_dim:
             whole = map_pdf(lights.map_marginal, lights.map_conditional, wi)
             part = map_pdf(lights.compensated_marginal, lights.compensated_conditional, wi)
             ratio = part / whole if whole > 0.0 else 0.0 * whole
-    row = selection_row(lights, p)
+    row = selection_row(lights, tree, p)
     cluster, chosen_pmf = cluster_of(lights, emitter, patch, pmf, p, n, has_transmission)
     if row < 0:
         chosen_pmf *= ratio
@@ -354,7 +364,7 @@ def tree_share(lights, emitter, p, n, has_transmission, leaves_dim, wi):
         Row of `lights.emitters`.
     p, n, has_transmission, leaves_dim, wi : as `cluster_choice` takes them
     """
-    if selection_row(lights, p) < 0:
+    if selection_row(lights, tree_of_emitter(lights, emitter), p) < 0:
         return np.float32(1.0)
     _, pmf, tree_pmf = cluster_choice(
         lights, emitter, np.float32(1.0), p, n, has_transmission, leaves_dim, wi

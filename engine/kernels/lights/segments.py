@@ -13,6 +13,7 @@ import numpy as np
 
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, sums_before
+from engine.kernels.lights.linking import is_linked, tree_range
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
 from engine.state.lights import (
@@ -179,8 +180,8 @@ def _distant_importance(distant, k, length, reach):
 
 
 @kernel
-def pick_for_segment(lights, origin, direction, length, reach, u):
-    """Choose an emitter for a segment; see `segment_importances`.
+def pick_for_segment(lights, tree, origin, direction, length, reach, u):
+    """Choose an emitter of a light tree for a segment; see `segment_importances`.
 
     What regions have learned of lights is of points, and counts for nothing here.
 
@@ -191,15 +192,16 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
     """
     nodes, children, distant = lights.nodes, lights.child, lights.distant
     pmf = 0.0 * u + 1.0
-    if distant.shape[0] == 0 and lights.header[HEADER_EMITTERS] == 1:
+    root_group, first, last = tree_range(lights, tree)
+    if not is_linked(lights) and distant.shape[0] == 0 and lights.header[HEADER_EMITTERS] == 1:
         # Where it lights nothing, no distance is found.
         return np.int64(0), pmf
-    if distant.shape[0] > 0:
+    if last > first:
         local = 0.0 * u
-        if nodes.shape[0] > 0:
-            local = at(segment_importances(nodes, _ROOT, origin, direction, length, reach), _ROOT)
+        if root_group >= 0:
+            local = at(segment_importances(nodes, root_group, origin, direction, length, reach), _ROOT)
         total = local
-        for k in range(distant.shape[0]):
+        for k in range(first, last):
             total += _distant_importance(distant, k, length, reach)
         if not total > 0.0:
             return np.int64(-1), 0.0 * total
@@ -208,7 +210,7 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
             u -= local
             chosen = np.int64(-1)
             mine = 0.0 * total
-            for k in range(distant.shape[0]):
+            for k in range(first, last):
                 importance = _distant_importance(distant, k, length, reach)
                 if importance > 0.0:
                     chosen = np.int64(distant[k, DISTANT_EMITTER])
@@ -221,9 +223,9 @@ def pick_for_segment(lights, origin, direction, length, reach, u):
             u = local
         pmf = local / total
         u = min(u / local, ONE_MINUS_EPSILON)
-    elif nodes.shape[0] == 0:
+    elif root_group < 0:
         return np.int64(-1), 0.0 * pmf
-    group = np.int64(children[0, 0])
+    group = np.int64(children[root_group, _ROOT])
     while group >= 0:
         importances = segment_importances(nodes, group, origin, direction, length, reach)
         before = sums_before(importances)

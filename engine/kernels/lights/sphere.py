@@ -221,5 +221,16 @@ def sample_sphere(lights, row, receiver, u0, u1):
     return LampPoint(0.0 * pdf + 1.0, wi, t, ng, factor / (t * t), none, none)
 
 
-POINT_LAMP = Lamp(POINT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere)
-SPOT_LAMP = Lamp(SPOT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere)
+@kernel
+def place_sphere(lights, row, origin, direction, t):
+    """See `Lamp.place`: discs face the ray."""
+    lamps, none = lights.lamps, 0.0 * t
+    ng = (-direction[0], -direction[1], -direction[2])
+    if lights.lamp_table[row, LAMP_FLAGS] & FLAG_SPHERE:
+        center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
+        ng = normalize(add(subtract(origin, center), scale(direction, t)))
+    return ng, none, none
+
+
+POINT_LAMP = Lamp(POINT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere, place_sphere)
+SPOT_LAMP = Lamp(SPOT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere, place_sphere)

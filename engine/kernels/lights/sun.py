@@ -49,4 +49,11 @@ def leaving_sun(lights, row, p, wi):
     return 0.0 * p[0] + 1.0
 
 
-LAMP = Lamp(SUN, True, sample_sun, sun_pdf, hit_sun, leaving_sun)
+@kernel
+def place_sun(lights, row, origin, direction, t):
+    """See `Lamp.place`."""
+    none = 0.0 * t
+    return (-direction[0], -direction[1], -direction[2]), none, none
+
+
+LAMP = Lamp(SUN, True, sample_sun, sun_pdf, hit_sun, leaving_sun, place_sun)

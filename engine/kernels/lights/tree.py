@@ -20,6 +20,7 @@ import numpy as np
 from engine.kernels.binary_tree import locate_leaf
 from engine.kernels.constants import FLOAT_MAX, ONE_MINUS_EPSILON
 from engine.kernels.eight import absolute, at, choose, last_of, load_eight, root, store_eight, sums_before
+from engine.kernels.lights.linking import background_emitter, is_linked, tree_of_emitter, tree_range
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     DRAW_EMITTER,
@@ -39,7 +40,6 @@ from engine.state.lights import (
     DISTANT_SIN,
     EMITTER_NODE,
     GROUP_SIZE,
-    HEADER_BACKGROUND_EMITTER,
     HEADER_CUT,
     HEADER_FIRST_PATCH,
     NODE_AXIS,
@@ -171,30 +171,33 @@ def distant_importance(distant, k, n, has_transmission):
 
 
 @kernel
-def _local_and_total(nodes, distant, p, n, has_transmission):
-    """Importance of the whole tree and of everything (local, total); (1, 1) if there is nothing distant."""
-    distant_count = distant.shape[0]
+def _local_and_total(lights, tree, p, n, has_transmission):
+    """Importance of a whole tree and of everything in it (local, total); (1, 1) if there is nothing distant."""
+    group, first, last = tree_range(lights, tree)
     local = 0.0 * p[0]
-    if nodes.shape[0] > 0:
-        if distant_count == 0:
+    if group >= 0:
+        if first == last:
             return local + 1.0, local + 1.0
-        local = at(group_importances(nodes, _ROOT, p, n, has_transmission), _ROOT)
+        local = at(group_importances(lights.nodes, group, p, n, has_transmission), _ROOT)
     total = local
-    for k in range(distant_count):
-        total += distant_importance(distant, k, n, has_transmission)
+    for k in range(first, last):
+        total += distant_importance(lights.distant, k, n, has_transmission)
     return local, total
 
 
 @kernel
-def selection_row(lights, p):
-    """Row of `LightSelection.cumulative` of the region that holds p, -1: it chooses by the light tree."""
+def selection_row(lights, tree, p):
+    """Row of `LightSelection.cumulative` of the region that holds p and of a light tree; -1: it chooses by the tree."""
     selection = lights.selection
     if selection.cumulative.shape[0] == 0:
         return np.int64(-1)
     leaf = locate_leaf(selection, p)
     if leaf < 0:
         return np.int64(-1)
-    return np.int64(selection.table[leaf])
+    row = np.int64(selection.table[leaf])
+    if is_linked(lights) and row >= 0:
+        row = row * lights.links.trees.shape[0] + tree
+    return row
 
 
 @kernel
@@ -224,13 +227,13 @@ def _pick_cluster(lights, row, u):
 
 
 @kernel
-def _pick_group(lights, p, n, has_transmission, u):
-    """Choose between the light tree and what is distant.
+def _pick_group(lights, tree, p, n, has_transmission, u):
+    """Choose between the nodes of a light tree and what is distant.
 
     Returns the emitter (-1: none, or one below the root), the probability of it or of the tree, and what is left of u.
     """
     distant = lights.distant
-    local, total = _local_and_total(lights.nodes, distant, p, n, has_transmission)
+    local, total = _local_and_total(lights, tree, p, n, has_transmission)
     if not total > 0.0:
         return -1, 0.0 * local, u
     u = u * total
@@ -239,7 +242,8 @@ def _pick_group(lights, p, n, has_transmission, u):
         chosen = -1
         chosen_importance = 0.0 * local
         u -= local
-        for k in range(distant.shape[0]):
+        _, first, last = tree_range(lights, tree)
+        for k in range(first, last):
             importance = distant_importance(distant, k, n, has_transmission)
             if importance > 0.0:
                 chosen = int(distant[k, DISTANT_EMITTER])
@@ -254,8 +258,8 @@ def _pick_group(lights, p, n, has_transmission, u):
 
 
 @kernel(forceinline=True)
-def pick_emitter(lights, row, p, n, has_transmission, u):
-    """Choose an emitter for a receiver at p with unit normal n.
+def pick_emitter(lights, row, tree, p, n, has_transmission, u):
+    """Choose an emitter of a light tree for a receiver at p with unit normal n.
 
     Returns
     -------
@@ -264,18 +268,18 @@ def pick_emitter(lights, row, p, n, has_transmission, u):
     patch : int, cluster of the background in which to draw a direction, -1: anywhere
     """
     nodes, children = lights.nodes, lights.child
-    node = _ROOT
     if row >= 0:
         cluster, pmf, u = _pick_cluster(lights, row, u)
         if cluster >= lights.header[HEADER_CUT]:
             if cluster >= lights.header[HEADER_FIRST_PATCH]:
-                return np.int64(lights.header[HEADER_BACKGROUND_EMITTER]), pmf, cluster
+                return background_emitter(lights, tree), pmf, cluster
             return np.int64(lights.distant[cluster - lights.header[HEADER_CUT], DISTANT_EMITTER]), pmf, np.int64(-1)
         node = np.int64(lights.cluster_node[cluster])
     else:
-        emitter, pmf, u = _pick_group(lights, p, n, has_transmission, u)
+        emitter, pmf, u = _pick_group(lights, tree, p, n, has_transmission, u)
         if emitter >= 0 or not pmf > 0.0:
             return np.int64(emitter), pmf, np.int64(-1)
+        node = tree_range(lights, tree)[0] * GROUP_SIZE
     group = np.int64(children[node // GROUP_SIZE, node % GROUP_SIZE])
     while group >= 0:
         importances = group_importances(nodes, group, p, n, has_transmission)
@@ -302,6 +306,8 @@ def group_of_few(lights):
     or regions have learned what to choose.
     """
     if lights.selection.cumulative.shape[0] > 0 or lights.distant.shape[0] > 0 or lights.nodes.shape[0] == 0:
+        return np.int64(-1)
+    if is_linked(lights):
         return np.int64(-1)
     group = np.int64(lights.child[_ROOT, _ROOT])
     if group < 0:
@@ -355,18 +361,18 @@ def emitter_pmf(lights, row, emitter, p, n, has_transmission):
         if node < 0:
             return cluster_pmf(lights, row, lights.header[HEADER_CUT] + ~node)
     else:
-        local, total = _local_and_total(lights.nodes, distant, p, n, has_transmission)
+        local, total = _local_and_total(lights, tree_of_emitter(lights, emitter), p, n, has_transmission)
         if not total > 0.0:
             return 0.0 * local
         if node < 0:
             return distant_importance(distant, ~node, n, has_transmission) / total
         pmf = local / total
-    # The root is alone in its group.
-    while node > 0 and pmf > 0.0:
-        if row >= 0 and lights.node_cluster[node] >= 0:
+    while pmf > 0.0:
+        above = np.int64(lights.parent[node // GROUP_SIZE])
+        if above < 0 or (row >= 0 and lights.node_cluster[node] >= 0):
             break
         pmf *= _share_of(lights, node, p, n, has_transmission)
-        node = np.int64(lights.parent[node // GROUP_SIZE])
+        node = above
     if row >= 0 and pmf > 0.0:
         pmf *= cluster_pmf(lights, row, lights.node_cluster[node])
     return pmf
@@ -380,7 +386,7 @@ def tree_choice(lights, emitter, cluster, p, n, has_transmission):
     ----------
     cluster : int, as `cluster_of` says
     """
-    local, total = _local_and_total(lights.nodes, lights.distant, p, n, has_transmission)
+    local, total = _local_and_total(lights, tree_of_emitter(lights, emitter), p, n, has_transmission)
     if not total > 0.0:
         return 0.0 * local
     if cluster >= lights.header[HEADER_CUT]:
@@ -389,9 +395,12 @@ def tree_choice(lights, emitter, cluster, p, n, has_transmission):
         return importance / total * lights.cluster_share[cluster]
     node = np.int64(lights.cluster_node[cluster])
     pmf = local / total
-    while node > 0 and pmf > 0.0:
+    while pmf > 0.0:
+        above = np.int64(lights.parent[node // GROUP_SIZE])
+        if above < 0:
+            break
         pmf *= _share_of(lights, node, p, n, has_transmission)
-        node = np.int64(lights.parent[node // GROUP_SIZE])
+        node = above
     return pmf
 
 

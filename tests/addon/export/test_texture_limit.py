@@ -31,6 +31,7 @@ def test_limits_hold_where_simplify_is_on(in_window: bool) -> None:
     scene.render.use_simplify = True
     assert limit().size == (512 if in_window else 1024)
     scene.cycles.texture_limit = scene.cycles.texture_limit_render = "OFF"
+    scene.update_tag()
     assert limit() == TextureLimit()
 
 

@@ -38,19 +38,8 @@ def displace(scene: Any, method: str) -> None:
     material.displacement_method = method
 
 
-def link_light(scene: Any, attribute: str) -> None:
-    import bpy
-
-    setattr(scene.objects["Lamp"].light_linking, attribute, bpy.data.collections.new("Receivers"))
-
-
 def subdivide(scene: Any) -> None:
     scene.objects["Plane"].modifiers.new("Subdivision", "SUBSURF").use_adaptive_subdivision = True
-
-
-def cull(scene: Any) -> None:
-    scene.render.use_simplify = scene.cycles.use_camera_cull = True
-    scene.objects["Plane"].cycles.use_camera_cull = True
 
 
 def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
@@ -64,12 +53,9 @@ def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
 
 
 CASES = {
-    "light-linking": (lambda scene: link_light(scene, "receiver_collection"), "Lamp", "light linking"),
-    "shadow-linking": (lambda scene: link_light(scene, "blocker_collection"), "Lamp", "shadow linking"),
     "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
     "terminator": (switch("plane", "shadow_terminator_shading_offset", 0.3), "Plane", "shadow terminator"),
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
-    "camera-culling": (cull, "Plane", "culling"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
 }  # fmt: skip
 

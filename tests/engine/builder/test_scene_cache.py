@@ -44,6 +44,7 @@ from engine.scene.rounds import SPHERES, Rounds
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
+from tests.helpers.linked_lights import linkings
 from tests.helpers.media_scenes import media_scene, placed, varying
 
 _SETTINGS = RenderSettings(samples=2, threads=1, max_bounces=3, spectral="OFF")
@@ -287,9 +288,9 @@ CHANGES: dict[str, list[Change]] = {
         _set("to_xyz", (np.linalg.inv(XYZ_TO_REC709) @ np.diag([0.9, 1.0, 1.1])).astype(np.float32))],
     "SceneDescription.frame_current": [_set("frame_current", 7.0)],
     "SceneDescription.shutter": [_set("shutter", (0.0, 0.5))],
-    "SceneDescription.shutter_curve": [_set("shutter_curve", None),
-                                       _set("shutter_curve", np.array([0.0, 1.0, 0.1], np.float32))],
+    "SceneDescription.shutter_curve": [_set("shutter_curve", c) for c in (None, np.array([0.0, 1.0, 0.1], np.float32))],
     "SceneDescription.light_groups": [_set("light_groups", ("Key", "Rim"))],
+    "SceneDescription.linking": [_set("linking", linking) for linking in linkings(6, 3)],
     "SceneDescription.rolling_shutter_duration": [_set("rolling_shutter_duration", 0.3)],
     "Camera.kind": [_set("camera.kind", "ORTHO"), _set("camera.kind", "PANO")],
     "Camera.transform": [_set("camera.transform", _at(0.5, 0, 7))],
@@ -362,8 +363,7 @@ CHANGES: dict[str, list[Change]] = {
     "Material.has_smooth_voxels": [_all(
         meshes__0__grids={"Tint": _grid()}, materials__0__graph=_VOXELS, materials__0__has_smooth_voxels=True)],
     "Material.use_transparent_shadow": [_set("materials.3.use_transparent_shadow", False)],
-    "Material.emission_sampling": [_set("materials.1.emission_sampling", "BACK"),
-                                   _set("materials.1.emission_sampling", "NONE")],
+    "Material.emission_sampling": [_set("materials.1.emission_sampling", sides) for sides in ("BACK", "NONE")],
     "Material.dispersion": [_set("materials.0.dispersion", 0.02)],
     "Material.displacement_method": [_all(
         materials__2__graph__displacement=Link(4, "Vector"), materials__2__displacement_method="BOTH")],

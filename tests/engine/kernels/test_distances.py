@@ -149,7 +149,7 @@ def test_nothing_that_a_lamp_lights_lies_outside_of_its_interval(name):
 @kernel
 def _pick_many(lights, origin, direction, length, u, emitters, pmfs):
     for i in range(u.shape[0]):
-        emitters[i], pmfs[i] = pick_for_segment(lights, origin, direction, length, length, u[i])
+        emitters[i], pmfs[i] = pick_for_segment(lights, 0, origin, direction, length, length, u[i])
 
 
 def test_lights_are_chosen_for_a_segment_with_the_probability_that_is_said():

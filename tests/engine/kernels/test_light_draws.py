@@ -53,7 +53,7 @@ def _draw_both(lights, geometry, draws, receivers, u, out, side_by_side):
                 (receivers[i, 0], receivers[i, 1], receivers[i, 2]),
                 (receivers[i, 3], receivers[i, 4], receivers[i, 5]),
             )
-            emitter, pmf, _ = choose_emitter(lights, p, n, receivers[i, 6] > 0.0, u[i, 0])
+            emitter, pmf, _ = choose_emitter(lights, 0, p, n, receivers[i, 6] > 0.0, u[i, 0])
             if not pmf > 0.0:
                 emitter = -1
             pdf, wi, distance, a, b = draw_triangle(lights, geometry, emitter, p, 0.5, u[i, 1], u[i, 2])

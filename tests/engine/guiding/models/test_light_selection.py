@@ -13,7 +13,7 @@ from engine.guiding.records.vertices import allocate_vertex_records, as_records
 COUNT, CLUSTERS = 4000, 6
 
 
-def learn(moment_below, moment_above, *, pmf=None):
+def learn(moment_below, moment_above, *, pmf=None, is_possible=None):
     """Probabilities of two regions, below and above x = 0, whose records find so much light by cluster (M_k)."""
     rng = np.random.default_rng(7)
     records = allocate_vertex_records(2 * COUNT)
@@ -34,7 +34,8 @@ def learn(moment_below, moment_above, *, pmf=None):
     regions.update(as_records(records), 2 * COUNT, make_runner(None, 1))
     leaf = np.zeros(2 * COUNT, np.int32)
     find_leaves(regions.published, records.position, leaf)
-    model = LightSelectionModel(np.ones(CLUSTERS, np.bool_))
+    is_possible = np.ones(CLUSTERS, np.bool_) if is_possible is None else is_possible
+    model = LightSelectionModel(is_possible)
     model.update(regions, records, leaf)
     region = np.zeros(2, np.int32)
     find_leaves(regions.published, np.array([[-0.5, 0, 0], [0.5, 0, 0]], np.float32), region)
@@ -43,7 +44,20 @@ def learn(moment_below, moment_above, *, pmf=None):
     if len(selection.cumulative) == 0:
         return [None, None]
     probability = np.diff(selection.cumulative, axis=1)
-    return [probability[selection.table[r]] if selection.table[r] >= 0 else None for r in region]
+    trees = len(np.atleast_2d(is_possible))
+    by_region = probability.reshape(-1, trees, CLUSTERS)[:, 0 if trees == 1 else slice(None)]
+    return [by_region[selection.table[r]] if selection.table[r] >= 0 else None for r in region]
+
+
+def test_each_light_tree_has_probabilities_of_its_own() -> None:
+    in_tree = np.arange(CLUSTERS) // 3 == np.arange(2)[:, None]
+    below, above = learn([1.0, 0, 0, 4.0, 0, 0], [0, 0, 1.0, 0, 0, 1.0], is_possible=in_tree)
+    for region, (first, second) in ((below, (0, 3)), (above, (2, 5))):
+        assert region.sum(axis=1) == pytest.approx([1.0, 1.0], abs=1e-5)
+        assert (region[~in_tree] == 0.0).all()
+        assert region[0, first] > 0.6
+        assert region[1, second] > 0.6
+        assert region[in_tree].min() > 0.003
 
 
 def test_each_region_samples_the_lights_it_sees() -> None:

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Light trees: one over all emitters, or where lights are linked one for each choice of emitters that receivers see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.array_types import Float32Array, Int32Array
+from engine.builder.light_clusters import choose_cut
+from engine.builder.light_tree import build_tree
+from engine.scene.linking import Linking, contains
+from engine.state import lights as la
+from engine.state.lights import LightLinks
+
+
+@dataclass
+class Emitters:
+    """All emitters of a scene, each once: triangles, lamps, the background.
+
+    Attributes
+    ----------
+    table : int32 (E, EMITTER_WIDTH)
+        But for where they are in a light tree.
+    triangles : float32 (T, TRIANGLE_WIDTH)
+    bounds : float32 (N, BOUNDS_WIDTH)
+        Of triangles and local lamps, the first N.
+    distant : float32 (D, DISTANT_WIDTH)
+        Of the others.
+    has_background : bool
+        Whether the last one is the background.
+    """
+
+    table: Int32Array
+    triangles: Float32Array
+    bounds: Float32Array
+    distant: Float32Array
+    has_background: bool
+
+
+@dataclass
+class Forest:
+    """Light trees as `LightArrays` has them, and what stands in them for the emitters.
+
+    nodes, child, parent, distant, emitters, triangles, node_cluster, cluster_node, links : as there
+    patch_count : int
+        Patches of the background, of all trees.
+    is_background : bool (D,)
+        Which rows of `distant` are the background.
+    """
+
+    nodes: Float32Array
+    child: Int32Array
+    parent: Int32Array
+    distant: Float32Array
+    emitters: Int32Array
+    triangles: Float32Array
+    node_cluster: Int32Array
+    cluster_node: Int32Array
+    is_background: np.ndarray
+    patch_count: int
+    links: LightLinks
+
+
+@dataclass
+class Sight:
+    """Who sees which emitters, with as many light trees as there are different choices of emitters.
+
+    Attributes
+    ----------
+    tree : int32 (I,)
+        Tree of each instance as a receiver.
+    sees : bool (S, E)
+    surfaces : int64 (I,), lamps : int64 (L,)
+        Bit t: whether what it emits is seen by receivers of tree t.
+    """
+
+    tree: Int32Array
+    sees: np.ndarray
+    surfaces: np.ndarray
+    lamps: np.ndarray
+
+
+def _bits(columns: np.ndarray) -> np.ndarray:
+    """Columns of truth values (S, N) as bits, int64 (N,)."""
+    return (columns.astype(np.int64) << np.arange(len(columns))[:, None]).sum(axis=0)
+
+
+def find_sight(
+    linking: Linking | None, emitters: Int32Array, lamp_light: Int32Array, *, is_wanted: bool
+) -> Sight | None:
+    """Who sees what; None: all receivers see all emitters, and it `is_wanted` for nothing else.
+
+    Parameters
+    ----------
+    emitters : int32 (E, EMITTER_WIDTH)
+        As of `Emitters.table`.
+    lamp_light : int32 (L,)
+        Number in `SceneDescription.lights` of each row of lamps.
+    """
+    if linking is None:
+        return None
+    of_surfaces, of_lamps = linking.surface_receivers, linking.lamp_receivers[lamp_light]
+    bits = np.full(len(emitters), np.uint64(2**64 - 1))
+    lamp, instance = emitters[:, la.EMITTER_LAMP], emitters[:, la.EMITTER_INSTANCE]
+    bits[lamp >= 0] = of_lamps[lamp[lamp >= 0]]
+    bits[instance >= 0] = of_surfaces[instance[instance >= 0]]
+    sets = np.unique(np.append(linking.receiver_set, 0)).tolist()
+    # What is found but not sampled counts too: patterns are of all that may emit.
+    patterns: dict[bytes, int] = {}
+    tree_of_set = np.zeros(max(sets) + 1, np.int32)
+    chosen: list[int] = []
+    for number in sets:
+        pattern = contains(of_surfaces, number).tobytes() + contains(of_lamps, number).tobytes()
+        if pattern not in patterns:
+            patterns[pattern] = len(chosen)
+            chosen.append(number)
+        tree_of_set[number] = patterns[pattern]
+    surfaces = np.array([contains(of_surfaces, number) for number in chosen]).reshape(len(chosen), -1)
+    lamps = np.array([contains(of_lamps, number) for number in chosen]).reshape(len(chosen), -1)
+    if surfaces.all() and lamps.all() and not is_wanted:
+        return None
+    sees = np.array([contains(bits, number) for number in chosen]).reshape(len(chosen), -1)
+    return Sight(tree_of_set[linking.receiver_set], sees, _bits(surfaces), _bits(lamps))
+
+
+def _seeing_all(emitter_count: int) -> np.ndarray:
+    return np.ones((1, emitter_count), np.bool_)
+
+
+def no_links() -> LightLinks:
+    """Every emitter lights everything."""
+    nothing, narrow, wide = np.zeros(0, np.int32), np.zeros((0, 0), np.int32), np.zeros(0, np.int64)
+    return LightLinks(
+        narrow, wide, wide, np.zeros((0, la.TREE_WIDTH), np.int32), nothing, nothing, nothing, narrow,
+        np.zeros(0, np.uint8), nothing,
+    )  # fmt: skip
+
+
+def build_forest(emitters: Emitters, sight: Sight | None, patch_count: int) -> Forest:
+    """Light trees over what receivers see.
+
+    Parameters
+    ----------
+    sight : Sight or None
+        None: one tree has all.
+    patch_count : int
+        Patches of the background's map.
+    """
+    sees = _seeing_all(len(emitters.table)) if sight is None else sight.sees
+    tree_count, count, local_count = len(sees), len(emitters.table), len(emitters.bounds)
+    # Triangles first, whatever tree they are in.
+    tree, number = np.nonzero(sees)
+    order = np.argsort(number >= len(emitters.triangles), kind="stable")
+    tree, number = tree[order].astype(np.int32), number[order]
+    rows = np.full((tree_count, count), -1, np.int32)
+    rows[tree, number] = np.arange(len(number))
+    table = emitters.table[number]
+    trees = np.full((tree_count, la.TREE_WIDTH), -1, np.int32)
+    parts: list[tuple[np.ndarray, ...]] = []
+    cuts: list[Int32Array] = []
+    clusters: list[Int32Array] = []
+    cluster_tree: list[Int32Array] = []
+    first_group = cut_count = 0
+    for t in range(tree_count):
+        mine = np.flatnonzero(sees[t, :local_count])
+        nodes, child, parent, leaf = build_tree(np.ascontiguousarray(emitters.bounds[mine], np.float32))
+        table[rows[t, mine], la.EMITTER_NODE] = leaf + la.GROUP_SIZE * first_group
+        cut, node_cluster = choose_cut(nodes, child)
+        clusters.append(np.where(node_cluster >= 0, node_cluster + cut_count, -1).astype(np.int32))
+        cuts.append(cut + la.GROUP_SIZE * first_group)
+        cluster_tree.append(np.full(len(cut), t, np.int32))
+        is_leaf, is_inner = child < 0, child > 0
+        if len(mine):
+            child[is_leaf] = ~rows[t, mine][~child[is_leaf]]
+        child[is_inner] += first_group
+        parent[parent >= 0] += la.GROUP_SIZE * first_group
+        trees[t, la.TREE_ROOT] = first_group if len(nodes) else -1
+        parts.append((nodes, child, parent))
+        first_group += len(nodes)
+        cut_count += len(cut)
+
+    distant: list[Float32Array] = []
+    first = 0
+    for t in range(tree_count):
+        mine = np.flatnonzero(sees[t, local_count:])
+        of_tree = emitters.distant[mine].copy()
+        of_tree[:, la.DISTANT_EMITTER] = rows[t, local_count + mine]
+        table[rows[t, local_count + mine], la.EMITTER_NODE] = ~(first + np.arange(len(mine)))
+        trees[t, la.TREE_FIRST_DISTANT], trees[t, la.TREE_LAST_DISTANT] = first, first + len(mine)
+        cluster_tree.append(np.full(len(mine), t, np.int32))
+        distant.append(of_tree)
+        first += len(mine)
+    all_distant = np.concatenate(distant)
+    is_background = np.zeros(len(all_distant), np.bool_)
+    if emitters.has_background:
+        is_background = all_distant[:, la.DISTANT_EMITTER].astype(np.int32) >= 0
+        is_background &= np.isin(all_distant[:, la.DISTANT_EMITTER].astype(np.int32), rows[:, -1])
+        trees[:, la.TREE_BACKGROUND] = rows[:, -1]
+    # A background has patches for its clusters; with one tree, its own row is none.
+    first_patch = cut_count + (len(all_distant) if sight is not None else int((~is_background).sum()))
+    trees[:, la.TREE_FIRST_PATCH] = first_patch + patch_count * np.arange(tree_count)
+    cluster_tree.append(np.repeat(np.arange(tree_count, dtype=np.int32), patch_count))
+    links = no_links()
+    if sight is not None:
+        links = LightLinks(
+            np.ascontiguousarray(sight.tree[:, None]), sight.surfaces, sight.lamps, trees, rows.ravel(), tree,
+            np.concatenate(cluster_tree), np.zeros((0, 0), np.int32), np.zeros(len(sight.lamps), np.uint8),
+            np.zeros(0, np.int32),
+        )  # fmt: skip
+    nodes, child, parent = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Forest(
+        nodes, child, parent, all_distant, table, emitters.triangles[number[number < len(emitters.triangles)]],
+        np.concatenate(clusters), np.concatenate(cuts), is_background, patch_count * tree_count, links,
+    )  # fmt: skip
