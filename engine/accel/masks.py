@@ -8,5 +8,7 @@ MASK_SHADOW_OPAQUE = 64
 MASK_SHADOW_TRANSPARENT = 128
 #: what has a medium inside: its boundaries are looked for apart from all else
 MASK_MEDIUM = 256
+#: what rays of Raycast nodes meet
+MASK_RAYCAST = 512
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
