@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from engine.builder.scene import SceneCache, build_scene
-from engine.scene.description import VISIBLE_CAMERA, VISIBLE_RAYCAST, VISIBLE_SHADOW, Link, Material, Node, NodeGraph
+from engine.scene.description import (
+    VISIBLE_ALL,
+    VISIBLE_CAMERA,
+    VISIBLE_RAYCAST,
+    VISIBLE_SHADOW,
+    Link,
+    Material,
+    Node,
+    NodeGraph,
+)
 from engine.settings import RenderSettings
 from tests.helpers.media_renders import picture
 from tests.helpers.media_scenes import media_scene, medium, placed
@@ -17,6 +26,7 @@ from tests.helpers.small_scenes import material
 
 #: Between the top of the box that is seen and what hangs above it [m].
 GAP = 1.0
+SEEN = VISIBLE_ALL | VISIBLE_RAYCAST
 #: What the camera does not see: it hangs between camera and box.
 HANGING = placed((40.0, 40.0, 0.25), (0.0, 0.0, 1.25 + GAP))
 
@@ -34,8 +44,13 @@ def shown(kind, output, inputs=None, more=(), **properties):
 def under_ceiling(seen, above=None, transforms=(placed(), HANGING)):
     """A box under another that hides all of the sky."""
     scene = media_scene([seen, above or material()], list(transforms))
-    scene.instances.visibility[1:] &= ~VISIBLE_CAMERA
+    show_above(scene, SEEN & ~VISIBLE_CAMERA)
     return scene
+
+
+def show_above(scene, visibility):
+    """Let what hangs above be visible to these rays alone."""
+    scene.instances.visibility[1:] = visibility
 
 
 def mean(scene, **settings):
@@ -100,7 +115,7 @@ def test_the_normal_turns_the_hemisphere():
     scene = under_ceiling(sideways, transforms=(placed((40.0, 40.0, 1.0)), placed((1e4, 1e4, 0.25), (0.0, 0.0, 2.25))))
     # Rays below the surface meet the bottom of the box.
     assert is_near(mean(scene), 0.0, 0.01)
-    scene.instances.visibility[1:] &= ~VISIBLE_SHADOW
+    show_above(scene, SEEN & ~VISIBLE_CAMERA & ~VISIBLE_SHADOW)
     assert is_near(mean(scene), 0.5, 0.01)
 
 
@@ -125,6 +140,7 @@ def normals(radius, place=placed(), **inputs):
     node = Node("ShaderNodeBevel", "Bevel", {"Radius": radius, **inputs}, {"samples": 8})
     nodes = [Node("ShaderNodeEmission", "E", {"Color": Link(1, "Vector"), "Strength": 1.0}), plus, node]
     scene = media_scene([Material("Bevel", "Bevel", NodeGraph(nodes, Link(0, "Emission")))], [place])
+    scene.camera.lens = 20000.0  # a picture of 16 mm
     return mean(scene) - 1.0
 
 
@@ -135,8 +151,8 @@ def test_nothing_is_rounded_away_from_edges(radius):
 
 def test_edges_are_rounded():
     """At an edge both faces count for as much; far within one of them it counts alone."""
-    at_edge = normals(0.5, placed(offset=(-0.999, 0.0, 0.0)))
-    assert abs(at_edge[0] - at_edge[2]) < 0.03 and at_edge[0] > 0.6 and abs(at_edge[1]) < 0.01
+    at_edge = normals(0.5, placed(offset=(-0.99, 0.0, 0.0)))
+    assert abs(at_edge[0] - at_edge[2]) < 0.05 and at_edge[0] > 0.6 and abs(at_edge[1]) < 0.01
     near = normals(0.5, placed(offset=(-0.75, 0.0, 0.0)))
     assert 0.0 < near[0] < at_edge[0] and near[2] > at_edge[2]
     assert is_near(normals(0.5, placed(offset=(-0.4, 0.0, 0.0))), np.array([0.0, 0.0, 1.0]), 1e-5)
@@ -164,9 +180,9 @@ def test_a_ray_that_meets_nothing(inputs):
 
 def test_rays_meet_what_they_are_let_see():
     scene = under_ceiling(raycast("Is Hit", {"Length": 5.0}))
-    scene.instances.visibility[1:] = VISIBLE_RAYCAST
+    show_above(scene, VISIBLE_RAYCAST)
     assert is_near(mean(scene, samples=1), 1.0, 0.0)
-    scene.instances.visibility[1:] = VISIBLE_SHADOW
+    show_above(scene, VISIBLE_SHADOW)
     assert is_near(mean(scene, samples=1), 0.0, 0.0)
 
 
