@@ -144,6 +144,47 @@ def node_rays_moving() -> None:
     bpy.context.scene.render.use_motion_blur = True
 
 
+def _raycast(nodes: Nodes, output: str, properties: dict[str, Any] | None = None, **inputs: Any) -> Socket:
+    """An output of a Raycast node; before Blender 5.1, which has none, that of an Ambient Occlusion node."""
+    if not hasattr(bpy.types, "ShaderNodeRaycast"):
+        return nodes("AmbientOcclusion", properties, output="AO")
+    return nodes("Raycast", properties, output=output, **inputs)
+
+
+@scene("node-raycast", samples=16)
+def node_raycast() -> None:
+    """Raycast nodes: how far, where and on what side they hit, in bumps, through the object, and what it has there."""
+    stage(with_camera=False)
+    world((0.5, 0.55, 0.6))
+    bpy.data.objects["Floor"].rotation_euler = (0.1, 0.1, 0.0)
+
+    def down(nodes: Nodes) -> Socket:
+        return nodes("CombineXYZ", X=0.2, Y=0.1, Z=-1.0)
+
+    def far(nodes: Nodes) -> Socket:
+        return _glow(_raycast(nodes, "Hit Distance", Direction=down(nodes), Length=0.8), nodes)
+
+    def side(nodes: Nodes) -> Socket:
+        normal = _raycast(nodes, "Hit Normal", Length=3.0)
+        inputs: dict[int | str, Any] = {0: normal, 1: (0.5, 0.5, 0.5), 2: (0.5, 0.5, 0.5)}
+        return _glow(nodes("VectorMath", {"operation": "MULTIPLY_ADD"}, inputs), nodes)
+
+    def place(nodes: Nodes) -> Socket:
+        where = _raycast(nodes, "Hit Position", Direction=down(nodes), Length=2.0)
+        return nodes("BsdfDiffuse", Color=nodes("TexChecker", Vector=where, Scale=8.0))
+
+    def own(nodes: Nodes) -> Socket:
+        incoming = nodes("VectorMath", {"operation": "SCALE"}, {0: nodes("NewGeometry", output="Incoming"), 3: -1.0})
+        depth = _raycast(nodes, "Hit Distance", {"only_local": True}, Direction=incoming, Length=0.6)
+        return _glow(nodes("MixRGB", Fac=_raycast(nodes, "Self Hit"), Color1=depth, Color2=(1.0, 0.0, 0.0)), nodes)
+
+    def bumped(nodes: Nodes) -> Socket:
+        height = _raycast(nodes, "Hit Distance", Direction=down(nodes), Length=0.5)
+        return nodes("BsdfDiffuse", Color=(0.8, 0.8, 0.8), Normal=nodes("Bump", Height=height, Distance=0.5))
+
+    _row([far, side, place, own, bumped])
+
+
 @scene("node-occlusion-alone", samples=16)
 def node_occlusion_alone() -> None:
     """One square, of which nothing can be occluded."""
