@@ -31,7 +31,7 @@ def _row(surfaces: Sequence[Surface]) -> None:
     """Boxes in a row on the floor, each touching a ball of the same material, and a camera near them."""
     camera((0.0, -4.6, 2.2), (0.0, -0.1, 0.2))
     for index, surface in enumerate(surfaces):
-        x = (index - (len(surfaces) - 1) / 2) * 0.9
+        x = (index - (len(surfaces) - 1) / 2) * 0.8
         made = material(f"surface {index}", surface)
         # Light samples trace no rays of nodes, scattered rays do: what both find depends on the weights of either.
         made.cycles.emission_sampling = "NONE"
@@ -151,12 +151,31 @@ def _raycast(nodes: Nodes, output: str, properties: dict[str, Any] | None = None
     return nodes("Raycast", properties, output=output, **inputs)
 
 
+def _sampled(nodes: Nodes) -> Socket:
+    """Attributes of the floor below: a number chooses between a vector and a colour."""
+    if not hasattr(bpy.types, "ShaderNodeRaycast"):
+        return _glow(nodes("AmbientOcclusion", output="AO"), nodes)
+    node = nodes.node("Raycast", Direction=nodes("CombineXYZ", Z=-1.0), Length=2.0)
+    for kind in ("FLOAT", "VECTOR", "RGBA"):
+        node.sample_attribute_items.new(kind, kind)
+    names = [socket for socket in node.inputs if socket.type == "STRING"]
+    for socket, name in zip(names, ("heat", "UVMap", "tint"), strict=True):
+        socket.default_value = name
+    heat, where, tint, alpha = (node.outputs[name] for name in ("FLOAT", "VECTOR", "RGBA", "RGBA Alpha"))
+    color = nodes("MixRGB", Fac=heat, Color1=where, Color2=tint)
+    return nodes("Emission", Color=color, Strength=alpha)
+
+
 @scene("node-raycast", samples=16)
 def node_raycast() -> None:
     """Raycast nodes: how far, where and on what side they hit, in bumps, through the object, and what it has there."""
     stage(with_camera=False)
     world((0.5, 0.55, 0.6))
-    bpy.data.objects["Floor"].rotation_euler = (0.1, 0.1, 0.0)
+    floor = bpy.data.objects["Floor"]
+    floor.rotation_euler = (0.1, 0.1, 0.0)
+    floor.data.attributes.new("heat", "FLOAT", "POINT").data.foreach_set("value", (0.0, 1.0, 0.5, 0.0))
+    tints = (1.0, 0.2, 0.1, 1.0, 0.1, 0.9, 0.3, 1.0, 0.2, 0.3, 1.0, 1.0, 0.9, 0.9, 0.2, 0.5)
+    floor.data.attributes.new("tint", "FLOAT_COLOR", "CORNER").data.foreach_set("color", tints)
 
     def down(nodes: Nodes) -> Socket:
         return nodes("CombineXYZ", X=0.2, Y=0.1, Z=-1.0)
@@ -182,7 +201,7 @@ def node_raycast() -> None:
         height = _raycast(nodes, "Hit Distance", Direction=down(nodes), Length=0.5)
         return nodes("BsdfDiffuse", Color=(0.8, 0.8, 0.8), Normal=nodes("Bump", Height=height, Distance=0.5))
 
-    _row([far, side, place, own, bumped])
+    _row([far, side, place, own, bumped, _sampled])
 
 
 @scene("node-occlusion-alone", samples=16)

@@ -55,6 +55,8 @@ from engine.state.lanes import (
 _OCCLUDERS = MASK_SHADOW_OPAQUE | MASK_SHADOW_TRANSPARENT | MASK_MEDIUM
 #: Behind a scattering that was less dense nothing is rounded (Cycles) [sr^-1].
 _LEAST_PDF = np.float32(8.0)
+#: Sets of random numbers between two nodes: more than the vertices of a path take.
+_SETS_OF_NODE = 1 << 13
 #: Places on a line that are looked at.
 _MOST_HITS = 64
 #: By so much of the shift of a bumped point its ray starts farther off (Cycles).
@@ -84,7 +86,7 @@ class NodeRays(Bundle):
 def _random(rays, lane, number, k, count):
     """Numbers of ray `k` of `count` of a node: those of all samples of a pixel are one sequence."""
     paths = rays.paths
-    dimension = paths.dimension[lane] + SET_NODE_RAYS + number
+    dimension = paths.dimension[lane] + SET_NODE_RAYS + _SETS_OF_NODE * number
     return sample_4d(paths.rng[lane], paths.sample[lane] * count + k, dimension)
 
 
@@ -132,6 +134,7 @@ def _free_part(rays, geometry, points, lane, normal, distance, count, flags, num
         n = negate(n)
     ray, bits, address = rays.ray, rays.ray_bits, rays.ray_address[0]
     free = 0
+    start_on(bits, geometry, instance, triangle)
     for k in range(count):
         u, v, _, _ = _random(rays, lane, number, k, count)
         direction, _ = sample_cosine_hemisphere(n, u, v)
@@ -139,7 +142,6 @@ def _free_part(rays, geometry, points, lane, normal, distance, count, flags, num
         if flags & OCCLUSION_LOCAL:
             is_hit = _meets_own(rays, geometry, instance, origin, direction, 0.0, distance, time, triangle)
         else:
-            start_on(bits, geometry, instance, triangle)
             is_hit = trace_occluded_from(
                 rays.scene[0], ray, bits, address, origin, direction, 0.0, distance, time, _OCCLUDERS
             )

@@ -71,7 +71,7 @@ def write_missed(code, pc, memory):
 
 @kernel
 def run_hit_attribute(code, pc, memory, geometry):
-    """OP_HIT_ATTRIBUTE: what is missing is zero, as in Cycles."""
+    """OP_HIT_ATTRIBUTE: what is missing is black, and where nothing was hit alpha is zero too, as in Cycles."""
     instance = np.float32(memory[code[pc + 5]]).view(np.int32)
     triangle = np.float32(memory[code[pc + 5] + 1]).view(np.int32)
     place = code[pc + 6]
@@ -79,11 +79,11 @@ def run_hit_attribute(code, pc, memory, geometry):
         geometry, np.int64(instance), np.int64(triangle), code[pc + 7], memory[place], memory[place + 1]
     )
     fac, alpha = x, 1.0
-    if components == 0:
+    if instance < 0:
         alpha = 0.0
-    elif components == 1:
+    if components == 1:
         y, z = x, x
-    else:
+    elif components > 1:
         fac = (x + y + z) * (1.0 / 3.0)
         if components == 4:
             alpha = w
