@@ -155,7 +155,7 @@ def _sampled(nodes: Nodes) -> Socket:
     """Attributes of the floor below: a number chooses between a vector and a colour."""
     if not hasattr(bpy.types, "ShaderNodeRaycast"):
         return _glow(nodes("AmbientOcclusion", output="AO"), nodes)
-    node = nodes.node("Raycast", Direction=nodes("CombineXYZ", Z=-1.0), Length=2.0)
+    node = nodes.node("Raycast", Direction=nodes("CombineXYZ", X=0.2, Y=0.3, Z=-1.0), Length=2.0)
     for kind in ("FLOAT", "VECTOR", "RGBA"):
         node.sample_attribute_items.new(kind, kind)
     names = [socket for socket in node.inputs if socket.type == "STRING"]

@@ -2,7 +2,7 @@
 """Nodes that trace rays while a surface's program runs: Ambient Occlusion, Bevel and Raycast.
 
 The interpreter calls `trace_op` through a pointer (`engine.state.shaders.ShaderMemory`), which is linked, and compiled,
-only where a material has such nodes. All is as in Cycles: rays start on the triangle that is shaded, which they skip;
+only where a material has such nodes. All is as in Cycles: rays do not meet the triangle that is shaded;
 light samples, shadow rays, displacement and volumes trace none.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from engine.accel.local_rays import leave_triangle, read_local, to_mesh_space, trace_local_from
 from engine.accel.masks import MASK_MEDIUM, MASK_RAYCAST, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
 from engine.accel.ray_words import HIT_NORMAL
-from engine.accel.rays import read_hit, trace_closest_from, trace_occluded_from
+from engine.accel.rays import read_hit, trace_closest_from, trace_occluded, trace_occluded_from
 from engine.accel.skipped_triangles import start_on
 from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
@@ -132,19 +132,22 @@ def _free_part(rays, geometry, points, lane, normal, distance, count, flags, num
     n, time = safe_normal(normal, read_point(points, lane, POINT_NS)), points.real[lane, POINT_TIME]
     if flags & OCCLUSION_INSIDE:
         n = negate(n)
-    ray, bits, address = rays.ray, rays.ray_bits, rays.ray_address[0]
+    ray, bits, address, handle = rays.ray, rays.ray_bits, rays.ray_address[0], rays.scene[0]
     free = 0
-    start_on(bits, geometry, instance, triangle)
+    is_in_place = points.integer[lane, POINT_FLAGS] & POINT_FLAG_IN_PLACE != 0
+    if is_in_place:
+        start_on(bits, geometry, instance, triangle)
     for k in range(count):
         u, v, _, _ = _random(rays, lane, number, k, count)
         direction, _ = sample_cosine_hemisphere(n, u, v)
         origin = _leave(rays, geometry, points, lane, direction)
         if flags & OCCLUSION_LOCAL:
             is_hit = _meets_own(rays, geometry, instance, origin, direction, 0.0, distance, time, triangle)
+        elif is_in_place:
+            is_hit = trace_occluded_from(handle, ray, bits, address, origin, direction, 0.0, distance, time, _OCCLUDERS)
         else:
-            is_hit = trace_occluded_from(
-                rays.scene[0], ray, bits, address, origin, direction, 0.0, distance, time, _OCCLUDERS
-            )
+            # Off the surface there is nothing to skip, and no filter function to call.
+            is_hit = trace_occluded(handle, ray, bits, address, origin, direction, 0.0, distance, time, _OCCLUDERS)
         if not is_hit:
             free += 1
     return np.float32(free) / np.float32(count)
@@ -229,18 +232,18 @@ def _cast(rays, code, pc, memory, geometry, points, lane):
         write_missed(code, pc, memory)
         return
     p = read_point(points, lane, POINT_P)
-    near, start, skipped = np.float32(0.0), position, -1
+    near, skipped = np.float32(0.0), -1
     if memory[code[pc + 12]] > 0.0:
         near = memory[code[pc + 12]] * points.real[lane, POINT_RADIUS] * _BEYOND_SHIFT
     elif position[0] == p[0] and position[1] == p[1] and position[2] == p[2]:
-        start, skipped = _leave(rays, geometry, points, lane, direction), points.integer[lane, POINT_TRIANGLE]
+        skipped = points.integer[lane, POINT_TRIANGLE]
     ray, bits = rays.ray, rays.ray_bits
     if code[pc + 13] != 0:
-        is_hit = _meets_own(rays, geometry, own, start, direction, near, length, time, skipped)
+        is_hit = _meets_own(rays, geometry, own, position, direction, near, length, time, skipped)
     else:
         start_on(bits, geometry, own if skipped >= 0 else -1, skipped)
         is_hit = trace_closest_from(
-            rays.scene[0], ray, bits, rays.ray_address[0], start, direction, near, length, time, MASK_RAYCAST
+            rays.scene[0], ray, bits, rays.ray_address[0], position, direction, near, length, time, MASK_RAYCAST
         )
     if not is_hit:
         write_missed(code, pc, memory)
