@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from engine.builder.scene import SceneCache, build_scene
+from engine.kernels.disk_sampling import sample_cubic
 from engine.scene.description import (
     VISIBLE_ALL,
     VISIBLE_CAMERA,
@@ -211,3 +212,11 @@ def test_only_what_traces_is_marked():
     assert traces(material(), occlusion()) == (True, False, False)
     assert traces(occlusion(only_local=True)) == (True, True, False)
     assert traces(shown("ShaderNodeWireframe", "Fac")) == (False, False, False)
+
+
+def test_distances_have_the_cubic_profile():
+    """Of the profile (1 - r)^3 over a disk the part 10 r^2 - 20 r^3 + 15 r^4 - 4 r^5 lies within r."""
+    for u in np.linspace(0.0, 0.999, 60, dtype=np.float32):
+        r = float(sample_cubic(u))
+        assert 0.0 <= r <= 1.0
+        assert abs(10.0 * r**2 - 20.0 * r**3 + 15.0 * r**4 - 4.0 * r**5 - u) < 2e-5
