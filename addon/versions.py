@@ -97,6 +97,7 @@ SETTINGS: dict[str, Setting] = {
     "light_linking": Setting((4, 0), None),
     "shadow_terminator_geometry_offset": Setting((5, 0), 0.0, "shadow_terminator_geometry_offset"),
     "shadow_terminator_shading_offset": Setting((5, 0), 0.0, "shadow_terminator_offset"),
+    "visible_raycast": Setting((5, 3), None),
     # Render settings; Cycles had it on the scene
     "motion_blur_position": Setting((4, 2), "CENTER", "motion_blur_position"),
     "use_auto_generate_texture_cache": Setting((5, 2), False),

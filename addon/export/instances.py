@@ -19,6 +19,7 @@ from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
     VISIBLE_GLOSSY,
+    VISIBLE_RAYCAST,
     VISIBLE_SHADOW,
     VISIBLE_TRANSMISSION,
     VISIBLE_VOLUME,
@@ -335,6 +336,10 @@ def _ray_visibility(shown: bpy.types.Object) -> int:
     for name, bit in _RAY_VISIBILITY:
         if getattr(shown, name):
             visibility |= bit
+    # Before there was a switch, whatever is there at all was met.
+    meets_raycast = read_setting(shown, "visible_raycast")
+    if visibility != 0 if meets_raycast is None else meets_raycast:
+        visibility |= VISIBLE_RAYCAST
     return visibility
 
 

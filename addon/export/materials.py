@@ -37,7 +37,7 @@ class AttributeRequest:
     `names` are attributes ('' the active colour), `tangents` UV maps ('' the active one), `properties` those of the
     object ("object:name") or of its instancer first ("instancer:name"); `generated` whether undeformed coordinates
     are of use, `instancer` whether those of the instancer are, `smooth` whether voxels matter further away than to the
-    next, `displaces` whether a mesh is displaced.
+    next, `displaces` whether a mesh is displaced. `elsewhere` are attributes of whatever rays of its nodes meet.
     """
 
     names: frozenset[str] = frozenset()
@@ -47,6 +47,7 @@ class AttributeRequest:
     instancer: bool = False
     smooth: bool = False
     displaces: bool = False
+    elsewhere: frozenset[str] = frozenset()
 
     def __or__(self, other: AttributeRequest) -> AttributeRequest:
         return AttributeRequest(
@@ -57,6 +58,7 @@ class AttributeRequest:
             self.instancer or other.instancer,
             self.smooth or other.smooth,
             self.displaces or other.displaces,
+            self.elsewhere | other.elsewhere,
         )
 
 
@@ -180,6 +182,7 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
     names: set[str] = set()
     tangents: set[str] = set()
     properties: set[str] = set()
+    elsewhere: set[str] = set()
     generated = instancer = False
     linked = _linked_outputs(graph) if graph is not None else set()
     for index, node in enumerate(graph.nodes if graph is not None else ()):
@@ -189,6 +192,8 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
                 names.add(node.properties["attribute_name"])
             elif kind in ("OBJECT", "INSTANCER"):
                 properties.add(f"{kind.lower()}:{node.properties['attribute_name']}")
+        elif node.kind == "ShaderNodeRaycast":
+            elsewhere.update(name for _output, name, _type in node.properties.get("attributes", ()))
         elif node.kind == "ShaderNodeVolumePrincipled":
             names.update(str(name) for key in _VOLUME_ATTRIBUTES if (name := node.inputs.get(key)))
         elif node.kind == "ShaderNodeVolumeInfo":
@@ -216,7 +221,8 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
         if node.kind in ("ShaderNodeTexCoord", "ShaderNodeUVMap") and node.properties.get("from_instancer"):
             instancer = True
     return AttributeRequest(
-        frozenset(names), frozenset(tangents), frozenset(properties), generated, instancer, has_smooth_voxels
+        frozenset(names), frozenset(tangents), frozenset(properties), generated, instancer, has_smooth_voxels,
+        elsewhere=frozenset(elsewhere),
     )
 
 

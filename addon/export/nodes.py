@@ -243,6 +243,8 @@ class GraphExporter:
             if source is not None:
                 inputs[socket.identifier] = source
         properties = self._properties(node)
+        if node.bl_idname == "ShaderNodeRaycast":
+            properties["attributes"] = self._attributes_of_hits(node, inputs)
         result = Node(node.bl_idname, node.name, inputs, properties, changed_parts(node, properties))
         self._graph.nodes.extend(modernize(result, len(self._graph.nodes)))
         return len(self._graph.nodes) - 1
@@ -313,6 +315,17 @@ class GraphExporter:
             problem = "attribute 'N' is in the world's space in Cycles, unless objects share a mesh"
             self._notice(node, problem, "the object's space")
         return attribute_name(name)
+
+    def _attributes_of_hits(self, node: bpy.types.Node, inputs: dict[str, Any]) -> tuple[tuple[str, str, str], ...]:
+        """Output, name and type of each attribute that a Raycast node reads where it hits; taken out of its inputs."""
+        found = []
+        for socket in node.outputs:
+            name = inputs.get(socket.identifier.replace("Attribute_", "Value_"))
+            if socket.identifier.startswith("Attribute_") and isinstance(name, str):
+                found.append((socket.identifier, self._mesh_attribute(node, name), socket.type))
+        for identifier in [key for key, value in inputs.items() if key.startswith("Value_") and isinstance(value, str)]:
+            del inputs[identifier]
+        return tuple(found)
 
     def _view_layer_attribute(self, name: str) -> tuple[float, float, float, float]:
         """A property of the view layer, scene or world; zeros if there is none."""

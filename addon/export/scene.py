@@ -205,9 +205,10 @@ def _export_meshes(
     """Meshes, and for each of `kinds` the number of its own, -1 = none."""
     # One mesh serves all its instances: it carries what any of their materials asks for.
     requests: dict[int, AttributeRequest] = {}
+    of_all = AttributeRequest(frozenset().union(*(one.elsewhere for one in materials.requests)))
     addresses = [_address_of_shape(kind) for kind in kinds]
     for address, kind in zip(addresses, kinds, strict=True):
-        request = requests.get(address, AttributeRequest())
+        request = requests.get(address, of_all)
         for index in kind.materials:
             if index >= 0:
                 request |= materials.requests[index]

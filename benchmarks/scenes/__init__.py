@@ -26,6 +26,7 @@ from benchmarks.scenes import (
     media,
     motion,
     moving_strands,
+    node_rays,
     patterned_lamps,
     plants,
     principled,
@@ -40,6 +41,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked", "matter",
-    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "patterned_lamps", "plants", "principled",
-    "rooms", "spectral", "subsurface", "textures", "wax",
+    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays", "patterned_lamps", "plants",
+    "principled", "rooms", "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip

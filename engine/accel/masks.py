@@ -8,9 +8,11 @@ MASK_SHADOW_OPAQUE = 64
 MASK_SHADOW_TRANSPARENT = 128
 #: what has a medium inside: its boundaries are looked for apart from all else
 MASK_MEDIUM = 256
+#: what rays of Raycast nodes meet
+MASK_RAYCAST = 1 << 15
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
 #: Bits for the objects that cast shadows in the light of emitters with collections of blockers, one a collection. They
-#: lie below `CATCHER_MASK_SHIFT`, and are free above it too.
+#: lie below MASK_RAYCAST, and are free above it too.
 FIRST_BLOCKER_BIT = 9
-BLOCKER_BITS = 7
+BLOCKER_BITS = 6

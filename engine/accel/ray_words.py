@@ -12,6 +12,7 @@ NONE = np.uint32(0xFFFFFFFF)
 
 # Words of an RTCRayHit that hold the answer; the distance is the ray's length before.
 HIT_DISTANCE = 8
+HIT_NORMAL = 12  # of the shape, as it lies in the space of its mesh; not unit
 HIT_U = 15
 HIT_TRIANGLE = 17  # within its mesh
 HIT_GEOMETRY = 18

@@ -13,7 +13,7 @@ import numpy as np
 from engine.accel.accelerator import Accelerator, build_accelerator
 from engine.accel.hierarchies import MeshHierarchies
 from engine.accel.local_rays import LocalScenes, build_local_scenes
-from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
+from engine.accel.masks import MASK_MEDIUM, MASK_RAYCAST, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
 from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
@@ -31,7 +31,16 @@ from engine.builder.same_place import SamePlace, find_same_place
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.content import Kept, Versions
-from engine.scene.description import VISIBLE_SHADOW, Camera, Frame, Mesh, Notice, SceneDescription
+from engine.scene.description import (
+    VISIBLE_ALL,
+    VISIBLE_RAYCAST,
+    VISIBLE_SHADOW,
+    Camera,
+    Frame,
+    Mesh,
+    Notice,
+    SceneDescription,
+)
 from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_links, check_memory
 from engine.settings import RenderSettings
@@ -52,6 +61,8 @@ from engine.state.shaders import (
     PROGRAM_HAS_SUBSURFACE,
     PROGRAM_IS_BOUNDARY,
     PROGRAM_MAY_BE_TRANSPARENT,
+    PROGRAM_TRACES,
+    PROGRAM_TRACES_LOCALLY,
     ShaderArrays,
 )
 
@@ -75,6 +86,9 @@ class Scene:
     #: Row of ShaderArrays.programs of the world, -1 = black.
     world_program: int
     has_transparent_shadows: bool
+    has_subsurface: bool
+    #: Whether a material has nodes that trace rays.
+    traces: bool
     notices: list[Notice] = field(default_factory=list)
 
     @property
@@ -151,7 +165,8 @@ def _shadow_masks(
         masks[media.is_boundary] = 0
         if blockers is not None:
             masks[masks != 0] |= blockers.bits[masks != 0]
-        masks[media.has_inside & (table[:, INSTANCE_VISIBILITY] != 0)] |= MASK_MEDIUM
+        masks[media.has_inside & (table[:, INSTANCE_VISIBILITY] & VISIBLE_ALL != 0)] |= MASK_MEDIUM
+        masks[table[:, INSTANCE_VISIBILITY] & VISIBLE_RAYCAST != 0] |= MASK_RAYCAST
     return masks
 
 
@@ -195,10 +210,23 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     return accelerator
 
 
+def _have_flag(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays, flags: int) -> np.ndarray:
+    """Which instances have a material whose program has some of the flags, bool (I,)."""
+    programs = (shaders.programs[:, PROGRAM_FLAGS] & flags) != 0
+    return _have_some(geometry, cache.geometry.slot_counts, programs)
+
+
+def _facts(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays) -> dict[str, bool]:
+    """What is so of a `Scene` where some instance has a material of that kind."""
+    flags = {"has_subsurface": PROGRAM_HAS_SUBSURFACE, "traces": PROGRAM_TRACES}
+    return {name: bool(_have_flag(cache, geometry, shaders, flag).any()) for name, flag in flags.items()}
+
+
 def _build_local_scenes(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays) -> LocalScenes:
-    """Hierarchies of the instances that light goes into; those at hand where they are of the same shapes."""
-    programs = (shaders.programs[:, PROGRAM_FLAGS] & PROGRAM_HAS_SUBSURFACE) != 0
-    is_wanted = _have_some(geometry, cache.geometry.slot_counts, programs)
+    """Hierarchies of the instances that light goes into, or whose nodes look for themselves; those at hand if they are
+    of the same shapes.
+    """
+    is_wanted = _have_flag(cache, geometry, shaders, PROGRAM_HAS_SUBSURFACE | PROGRAM_TRACES_LOCALLY)
     hierarchies, keys = cache.geometry.hierarchies, cache.geometry.mesh_keys
     assert hierarchies is not None
     columns = geometry.instance_table[:, [INSTANCE_MESH, INSTANCE_FLAGS]]
@@ -393,6 +421,7 @@ def build_scene(
         accelerator=accelerator,
         local_scenes=_build_local_scenes(cache, geometry, shaders),
         world_program=programs.world_program,
+        **_facts(cache, geometry, shaders),
         has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),
         notices=notices,
     )

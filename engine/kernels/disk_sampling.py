@@ -49,6 +49,20 @@ def _sample_burley(u):
     return r
 
 
+@kernel
+def sample_cubic(u):
+    """Distance in radii whose part of the profile (1 - r)^3 over the disk is `u`, by Newton's method, float32."""
+    r = np.float32(0.25)
+    for _ in range(_MOST_TURNS):
+        left = 1.0 - r
+        wrong = r * r * (10.0 + r * (-20.0 + r * (15.0 - 4.0 * r))) - u
+        slope = 20.0 * r * left * left * left
+        if abs(wrong) < _TOLERANCE or slope == 0.0:
+            break
+        r = min(max(r - wrong / slope, 0.0), 1.0)
+    return r
+
+
 class Probe(NamedTuple):
     """A line on which places are looked for where light comes out.
 
@@ -79,6 +93,12 @@ class Probe(NamedTuple):
 def choose_probe(p, ng, radius, u_distance, u_axis):
     """Probe of a channel of mean free path `radius`, about a point of normal `ng`; half of them go along the normal."""
     tangent, bitangent = orthonormal_basis(ng)
+    return aim_probe(p, ng, tangent, bitangent, _sample_burley(u_distance) * radius, _END * radius, u_axis)
+
+
+@kernel
+def aim_probe(p, ng, tangent, bitangent, distance, end, u_axis):
+    """Probe at a distance from a point, as long as a ball of radius `end` [m] about it; half go along the normal."""
     axis, across, along = ng, tangent, bitangent
     shares = (0.5, 0.25, 0.25)
     u = 2.0 * u_axis
@@ -90,8 +110,6 @@ def choose_probe(p, ng, radius, u_distance, u_axis):
         axis, across, along = tangent, ng, bitangent
         shares = (0.25, 0.5, 0.25)
         u = 4.0 * (u_axis - 0.5)
-    distance = _sample_burley(u_distance) * radius
-    end = _END * radius
     height = math.sqrt(max(end * end - distance * distance, 0.0))
     beside = add(scale(across, distance * math.cos(TWO_PI * u)), scale(along, distance * math.sin(TWO_PI * u)))
     origin = add(p, add(scale(axis, height), beside))

@@ -45,6 +45,8 @@ SET_SEGMENT = SET_MEDIUM + 1
 SET_SEGMENT_LIGHT = SET_SHADOW_MEDIUM + 1
 #: A path's way below a surface that it has entered.
 SET_SUBSURFACE = 1 << 20
+#: Rays of nodes in a material, a set for each node.
+SET_NODE_RAYS = 1 << 21
 
 
 #: Bits that number the first samples of a pixel, those for which half of the look-ups do.

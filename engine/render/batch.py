@@ -19,6 +19,7 @@ from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.runtime.bundle import Bundle
+from engine.runtime.stage_table import StageTable
 from engine.settings import RenderSettings
 from engine.state.columns import copy_of, rows_of
 from engine.state.film import PLAIN_LAYOUT, FilmLayout, FilmTile, allocate_tile
@@ -40,7 +41,7 @@ from engine.state.lanes import (
     value_width,
 )
 from engine.state.media import allocate_media_lanes
-from engine.state.shaders import ShaderArrays, allocate_memory
+from engine.state.shaders import RayOps, ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import UnitCosts
 from engine.state.walks import allocate_walk_lanes
@@ -63,11 +64,13 @@ from engine.wavefront.columns import (
     REJECTS,
     RESAMPLED_CANDIDATES,
     RESAMPLED_VERTICES,
+    SCENE_HANDLE,
     SHADOW_RAYS,
     TRACKING_ENDED,
     TRANSPARENT_SHADOW_RAYS,
 )
-from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, Work, allocate_queue
+from engine.wavefront.node_rays import NodeRays
+from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, SceneView, Work, allocate_queue
 
 
 class Arm(NamedTuple):
@@ -213,9 +216,16 @@ class Batch:
         self._model: CandidateModel | None = None
         self._model_memory: Bundle | None = None
 
-    def take(self, shaders: ShaderArrays) -> None:
-        """Be ready for another render, of a scene with these programs."""
-        self.work = self.work._replace(registers=allocate_memory(shaders))
+    def take(self, scene: SceneView, ray_ops: StageTable | None = None) -> None:
+        """Be ready for another render, of this scene.
+
+        Parameters
+        ----------
+        ray_ops : StageTable, optional
+            What traces the rays of its materials' nodes, where they have any.
+        """
+        traced = None if ray_ops is None else RayOps(ray_ops, self._node_rays(scene))
+        self.work = self.work._replace(registers=allocate_memory(scene.shaders, traced))
         # Scenes without dense media, and those without emitters, have no stage that sets them.
         self.work.media.gap[:] = 0.0
         self.work.media.is_lit[:] = 0
@@ -223,6 +233,15 @@ class Batch:
         self._guide = with_field(self._guide, None)
         self._arm = self.guidance = self._model = None
         self.statistics, self.unit_costs = Statistics(), UnitCosts()
+
+    def _node_rays(self, scene: SceneView) -> NodeRays:
+        """What rays of nodes in materials need."""
+        work = self.work
+        return NodeRays(
+            scene.header[SCENE_HANDLE : SCENE_HANDLE + 1], scene.local_scenes,
+            np.array([scene.options.occlusion_distance], np.float32), work.ray, work.ray_bits, work.ray_address,
+            work.paths,
+        )  # fmt: skip
 
     def take_records(self) -> UnitRecords:
         """What the unit in work has recorded, in arrays of its own."""

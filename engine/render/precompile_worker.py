@@ -165,6 +165,17 @@ def _compile_subsurface() -> None:
     wax.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}))
     wax.volume = Link(1, "Volume")
     _render("OFF", scene=scene)
+    _compile_node_rays()
+
+
+def _compile_node_rays() -> None:
+    scene = small_scene()
+    nodes = [
+        Node("ShaderNodeBsdfDiffuse", "Diffuse", {"Color": Link(1, "Color")}), Node("ShaderNodeAmbientOcclusion", "AO"),
+    ]  # fmt: skip
+    scene.materials[0].graph = NodeGraph(nodes, Link(0, "BSDF"))
+    for spectral in ("OFF", "ON"):
+        _render("OFF", scene=scene, spectral=spectral)
 
 
 def _compile_curves() -> None:

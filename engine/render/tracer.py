@@ -21,6 +21,7 @@ from engine.guiding.models.candidate_model import CandidateModel
 from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import Arm, Batch
+from engine.render.node_rays import LinkedNodeRays
 from engine.render.python_stages import python_stages
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
@@ -136,6 +137,7 @@ class Tracer:
         #: What the kernels in the table are linked for: types, and which stages have something to do.
         self._linked_for: object = None
         self._python_loop = in_python(trace_rounds)
+        self._node_rays = LinkedNodeRays()
         self.take(scene, settings, layout)
 
     def take(self, scene: Scene, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT) -> None:
@@ -144,6 +146,7 @@ class Tracer:
         self.seed = settings.seed
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.layout = layout
+        self._traces = scene.traces
         header = scene.lights.header
         has_suns = header[HEADER_LAST_DISTANT] > header[HEADER_FIRST_DISTANT]
         self.mode = MODE_CLOSURES | (0 if settings.use_caustics_reflective else MODE_NO_REFLECTIVE_CAUSTICS)
@@ -166,7 +169,7 @@ class Tracer:
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
         numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(scene.lights.links.hidden) > 0
         numbers[SCENE_HAS_VARYING_LAMPS] = len(scene.lights.varying) > 0
-        numbers[SCENE_HAS_SUBSURFACE] = len(scene.local_scenes.handles) > 0
+        numbers[SCENE_HAS_SUBSURFACE] = scene.has_subsurface
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
         numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()
@@ -227,14 +230,11 @@ class Tracer:
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
             self._batches = [
-                Batch(
-                    shaders, pixel_count, settings, self.layout, is_guided=is_guided, records=records,
-                )
+                Batch(shaders, pixel_count, settings, self.layout, is_guided=is_guided, records=records)
                 for _ in range(count)
             ]
             self._batch_key = key
-        for batch in self._batches:
-            batch.take(shaders)
+        self._node_rays.ready(self._batches, self.view, self._traces)
         return self._batches
 
     def is_linked(self, batch: Batch) -> bool:

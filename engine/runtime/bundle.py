@@ -45,8 +45,8 @@ _TYPES: dict[tuple[Any, ...], BundleType] = {}
 class Bundle:
     """Base class: annotate fields in the subclass, construct by position or keyword.
 
-    A field is a C-contiguous array of at most three dimensions, another bundle, a named tuple of numbers, which kernels
-    read as such, or a tuple of ints (`channels`), which becomes part of the type.
+    A field is a C-contiguous array of at most three dimensions, another bundle, a table of stages, a named tuple of
+    numbers, which kernels read as such, or a tuple of ints (`channels`), which becomes part of the type.
     """
 
     _fields: ClassVar[tuple[str, ...]] = ()
@@ -67,7 +67,7 @@ class Bundle:
         if len(arrays) + len(named) != len(self._fields) or set(values) != set(self._fields):
             raise TypeError(f"{type(self).__name__} takes the fields {', '.join(self._fields)}")
         for name, value in values.items():
-            if isinstance(value, (tuple, Bundle)):
+            if isinstance(value, tuple) or hasattr(value, "_address"):
                 continue
             is_array = isinstance(value, np.ndarray) and 1 <= value.ndim <= 3
             if not (is_array and (self._rows or value.flags.c_contiguous)):
@@ -108,7 +108,7 @@ class Bundle:
                     row[: stored_as.nbytes] = np.frombuffer(stored_as.tobytes(), np.uint8)
                 packed.append(stored)
                 table[word] = stored.ctypes.data
-            elif isinstance(value, Bundle):
+            elif hasattr(value, "_address"):
                 table[word] = value._address
             elif isinstance(value, np.ndarray):
                 table[word] = value.ctypes.data
@@ -125,7 +125,7 @@ class Bundle:
                 continue
             if isinstance(value, np.ndarray):
                 alike.append((value.dtype, value.shape[1:], value.strides if self._rows else None))
-            elif isinstance(value, Bundle):
+            elif hasattr(value, "_address"):
                 alike.append(value._numba_type_)
             elif hasattr(value, "_fields"):
                 alike.append((type(value), *map(type, value)))
@@ -145,7 +145,7 @@ class Bundle:
                 described.append((name, OPAQUE))
             elif isinstance(value, tuple):
                 described.append((name, typeof(value) if hasattr(value, "_fields") else value))
-            elif isinstance(value, Bundle):
+            elif hasattr(value, "_address"):
                 described.append((name, value._numba_type_))
             elif self._rows:
                 described.append((name, RowsType(from_dtype(value.dtype), value.shape[1:], value.strides)))
@@ -197,7 +197,11 @@ class FieldType(types.Type):
         return Conversion.safe if other == self.array_type else None
 
 
-class OpaqueType(types.Type):
+class AddressType(types.Type):
+    """Numba's type of an object that kernels know by its address."""
+
+
+class OpaqueType(AddressType):
     """Numba's type of a bundle that kernels pass on without knowing its class."""
 
     def __init__(self) -> None:
@@ -207,7 +211,7 @@ class OpaqueType(types.Type):
 OPAQUE = OpaqueType()
 
 
-class BundleType(types.Type):
+class BundleType(AddressType):
     """Numba's type of a bundle: its name; by field a tuple, or the type of a named tuple, bundle, rows or field."""
 
     def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
@@ -280,7 +284,7 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
     first = _word(builder, value, index * _FIELD_WORDS)
     if isinstance(described, RowsType):
         return builder.inttoptr(first, context.get_value_type(described))
-    if isinstance(described, (BundleType, OpaqueType)):
+    if isinstance(described, AddressType):
         return first
     values = []
     for position, number_type in enumerate(described.types):

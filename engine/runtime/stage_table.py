@@ -21,11 +21,11 @@ from numba.core.imputils import lower_builtin, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, signature
 from numba.extending import infer_getattr, register_model, unbox
 
-from engine.runtime.bundle import AddressModel, FieldType, unbox_address
+from engine.runtime.bundle import AddressModel, AddressType, FieldType, unbox_address
 from engine.runtime.jit import BoundKernel, Kernel, call_type
 
 
-class StageTableType(types.Type):
+class StageTableType(AddressType):
     """Numba's type of a table: names in order."""
 
     def __init__(self, names: tuple[str, ...]) -> None:

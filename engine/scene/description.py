@@ -24,7 +24,6 @@ from engine.scene.panorama import Panorama, StereoEye
 from engine.scene.rounds import Rounds
 
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
-
 VISIBLE_CAMERA = 1
 VISIBLE_DIFFUSE = 2
 VISIBLE_GLOSSY = 4
@@ -32,6 +31,7 @@ VISIBLE_TRANSMISSION = 8
 VISIBLE_VOLUME = 16
 VISIBLE_SHADOW = 32
 VISIBLE_ALL = 63
+VISIBLE_RAYCAST = 1 << 24  # to Raycast nodes, whose rays are none of light
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class Instances:
     transform: Float32Array  # (N, 4, 4) object to world
     material_offset: Int32Array  # (N,) first entry in `materials` for this instance; slots follow
     materials: Int32Array  # indices into SceneDescription.materials, -1 = default material
-    visibility: Uint32Array  # (N,) VISIBLE_* bits
+    visibility: Uint32Array  # (N,) VISIBLE_* bits, VISIBLE_RAYCAST among them
     pass_index: Int32Array  # (N,) object index pass
     random: Float32Array  # (N,) in [0, 1): Object Info > Random
     color: Float32Array  # (N, 4) object colour, linear

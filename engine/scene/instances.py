@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import VISIBLE_ALL, Instances
+from engine.scene.description import VISIBLE_ALL, VISIBLE_RAYCAST, Instances
 
 
 def plain_instances(
@@ -33,7 +33,7 @@ def plain_instances(
         transform=transforms,
         material_offset=np.arange(count, dtype=np.int32) if of_each else np.zeros(count, np.int32),
         materials=np.atleast_1d(np.asarray(materials, np.int32)),
-        visibility=np.full(count, VISIBLE_ALL, np.uint32),
+        visibility=np.full(count, VISIBLE_ALL | VISIBLE_RAYCAST, np.uint32),
         pass_index=np.zeros(count, np.int32),
         random=np.zeros(count, np.float32),
         color=np.ones((count, 4), np.float32),

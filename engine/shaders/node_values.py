@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from engine.kernels.shader import ops_input, ops_math
+from engine.kernels.shader import ops_input, ops_math, ops_rays
 from engine.scene.description import Image, Link, Node, NodeGraph
-from engine.shaders import nodes_bump, nodes_closure, nodes_image, nodes_input, nodes_texture_math
+from engine.shaders import nodes_bump, nodes_closure, nodes_image, nodes_input, nodes_rays, nodes_texture_math
 from engine.shaders.arithmetic import Arithmetic
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
 from engine.shaders.vocabulary import SETTINGS, unknown_parts
 
-NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_texture_math.NODES
+NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_rays.NODES | nodes_texture_math.NODES
 
 #: What counts instead of a link from what is not known.
 UNLINKED = "as if it were not linked"
@@ -159,6 +159,9 @@ class NodeValues:
         outputs = {name: (value, type_) for name, value, type_ in zip(names, values, types, strict=False)}
         if node.kind == "ShaderNodeAttribute":
             outputs["Vector"] = (outputs["Color"][0], VECTOR)
+        elif operation.opcode == ops_rays.OP_RAYCAST:
+            hit, place = (outputs[name][0] for name in nodes_rays.HIT_OUTPUTS)
+            outputs.update(nodes_rays.hit_attributes(node, builder, hit, place))
         return outputs
 
     def in_working_space(self, color: Value) -> Value:

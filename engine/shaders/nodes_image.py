@@ -81,17 +81,6 @@ def _replaced(problem: str, outputs: dict[str, tuple[Any, Any]], fallback: str) 
     return lower
 
 
-def _occlusion(node: Node, builder: Any) -> Operation:
-    builder.notice("Ambient Occlusion is not supported", "nothing is occluded")
-    color = Socket("Color", COLOR, (1.0, 1.0, 1.0))
-    return Operation(-1, (color, Socket("", FLOAT, 1.0)), (Socket("Color", COLOR), Socket("AO", FLOAT)))
-
-
-def _bevel(node: Node, builder: Any) -> Operation:
-    builder.notice("Bevel is not supported", "its Normal input")
-    return Operation(-1, (Socket("Normal", VECTOR, Implicit.NORMAL),), (Socket("Normal", VECTOR),))
-
-
 NODES: NodeTable = {
     "ShaderNodeTexImage": _image,
     "ShaderNodeTexEnvironment": _environment,
@@ -99,7 +88,4 @@ NODES: NodeTable = {
         "Sky Texture is not supported", {"Color": (COLOR, (0.27, 0.42, 0.68))}, "a constant blue"
     ),
     "ShaderNodeTexIES": _replaced("IES Texture is not supported", {"Fac": (FLOAT, 1.0)}, "1 in every direction"),
-    "ShaderNodeWireframe": _replaced("Wireframe is not supported", {"Fac": (FLOAT, 0.0)}, "0, no wires"),
-    "ShaderNodeAmbientOcclusion": _occlusion,
-    "ShaderNodeBevel": _bevel,
 }

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
-from engine.kernels.shader import ops_closure, ops_image, ops_input
+from engine.kernels.shader import ops_closure, ops_image, ops_input, ops_rays
 from engine.scene.description import Notice
 from engine.shaders.blackbody import emission_temperature
 from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource, WorldImage
@@ -20,6 +20,7 @@ from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 _TRANSMISSION = 13
 _SUBSURFACE = 24
 _THIN_WALL = 29
+_TRACING = (ops_rays.OP_OCCLUSION, ops_rays.OP_BEVEL, ops_rays.OP_RAYCAST)
 
 
 def with_analysis(
@@ -50,6 +51,8 @@ def with_analysis(
         layout.PROGRAM_NO_BUMP_CORRECTION: not source.use_bump_map_correction,
         layout.PROGRAM_IS_LAMBERTIAN: lambertian is not None,
         layout.PROGRAM_HAS_SUBSURFACE: _has_subsurface(instructions, closures),
+        layout.PROGRAM_TRACES: any(instruction.opcode in _TRACING for instruction in instructions),
+        layout.PROGRAM_TRACES_LOCALLY: any(map(_traces_locally, instructions)),
     }
     for flag, is_set in facts.items():
         flags |= flag if is_set else 0
@@ -60,6 +63,15 @@ def with_analysis(
         instructions, roots, flags, emission, transparency, lambertian, ahead, world_image, temperature, asked, notices,
         refracts=_refracts(instructions, closures),
     )  # fmt: skip
+
+
+def _traces_locally(instruction: Instruction) -> bool:
+    """Whether rays of a node meet the object alone."""
+    if instruction.opcode == ops_rays.OP_OCCLUSION:
+        return bool(instruction.immediates[1] & ops_rays.OCCLUSION_LOCAL)
+    return instruction.opcode == ops_rays.OP_BEVEL or (
+        instruction.opcode == ops_rays.OP_RAYCAST and instruction.immediates[0] != 0
+    )
 
 
 def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool:

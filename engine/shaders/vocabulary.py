@@ -18,7 +18,9 @@ _FUNCTION_INPUT = ("vector", "vector_dimensions", "integer", "boolean")
 
 #: Settings of nodes by their names in the host, without those that the host resolves (images, ramps, curves).
 SETTINGS: dict[str, tuple[str, ...]] = {
+    "ShaderNodeAmbientOcclusion": ("samples", "inside", "only_local"),
     "ShaderNodeAttribute": ("attribute_type", "attribute_name"),
+    "ShaderNodeBevel": ("samples",),
     "ShaderNodeBump": ("invert",),
     "ShaderNodeClamp": ("clamp_type",),
     "ShaderNodeCombineColor": ("mode",),
@@ -30,6 +32,7 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     # The switch for alpha belongs to the compositor.
     "ShaderNodeMixRGB": ("blend_type", "use_alpha", "use_clamp"),
     "ShaderNodeNormalMap": ("space", "uv_map", "convention", "base"),
+    "ShaderNodeRaycast": ("only_local", "active_index"),
     "ShaderNodeSeparateColor": ("mode",),
     "ShaderNodeTangent": ("direction_type", "axis", "uv_map"),
     "ShaderNodeTexBrick": ("offset_frequency", "squash_frequency", "offset", "squash"),
@@ -48,6 +51,7 @@ SETTINGS: dict[str, tuple[str, ...]] = {
     "ShaderNodeVectorRotate": ("rotation_type", "invert"),
     "ShaderNodeVectorTransform": ("vector_type", "convert_from", "convert_to"),
     "ShaderNodeVertexColor": ("layer_name",),
+    "ShaderNodeWireframe": ("use_pixel_size",),
     "FunctionNodeInputBool": _FUNCTION_INPUT,
     "FunctionNodeInputInt": _FUNCTION_INPUT,
     "FunctionNodeInputVector": _FUNCTION_INPUT,

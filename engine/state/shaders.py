@@ -11,10 +11,13 @@ a kernel reads either the same way. Vectors and colours take three consecutive f
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
 from engine.runtime.bundle import Bundle
+from engine.runtime.stage_table import StageTable
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Evaluation modes (the `mode` argument of evaluate_shaders): one of the first four, plus any of the caustics bits.
@@ -70,6 +73,9 @@ PROGRAM_HAS_AOVS = 256
 PROGRAM_IS_BOUNDARY = 512
 #: Scatters light below its surface.
 PROGRAM_HAS_SUBSURFACE = 1024
+#: Has nodes that trace rays, and some whose rays meet the object alone.
+PROGRAM_TRACES = 2048
+PROGRAM_TRACES_LOCALLY = 4096
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean
@@ -143,21 +149,60 @@ class ShaderMemory(Bundle):
     """A thread's memory for `evaluate_shaders`.
 
     floats : float32 (R + C,), registers, then a copy of the constants
+    traces : int64 (1,), whether instructions that trace rays do
+    ray_ops : what runs them, as `trace_op`: the interpreter calls it through a pointer, since it must not know Embree
+    rays : what that takes, of any class
     """
 
     _rows = True
+    _opaque = frozenset({"rays"})
+
     floats: Float32Array
+    traces: Int64Array
+    ray_ops: StageTable
+    rays: Bundle
 
 
-def allocate_memory(shaders: ShaderArrays) -> ShaderMemory:
+class NoRays(Bundle):
+    """In the place of what rays need where nothing traces any; nobody reads it.
+
+    nothing : uint8 (1,)
+    """
+
+    nothing: Uint8Array
+
+
+class RayOps(NamedTuple):
+    """What instructions that trace rays are run by (`ShaderMemory`)."""
+
+    ray_ops: StageTable
+    rays: Bundle
+
+
+def no_ray_ops() -> RayOps:
+    """Nothing that traces: such instructions give what they do where there are no rays."""
+    return RayOps(StageTable({"trace_op": _untraced}), NoRays(np.zeros(1, np.uint8)))
+
+
+def _untraced(*_arguments: object) -> None:
+    raise AssertionError("nothing traces here")
+
+
+def allocate_memory(shaders: ShaderArrays, ray_ops: RayOps | None = None) -> ShaderMemory:
     """A thread's memory for `evaluate_shaders`, with the constants of these programs.
 
     It belongs to these programs: allocate anew whenever `shaders` changes.
+
+    Parameters
+    ----------
+    ray_ops : RayOps, optional
+        What traces the rays of nodes; None: nothing does.
     """
     register_count = int(shaders.register_count[0])
     memory = np.zeros(register_count + len(shaders.constants), np.float32)
     memory[register_count:] = shaders.constants
-    return ShaderMemory(memory)
+    table, rays = ray_ops or no_ray_ops()
+    return ShaderMemory(memory, np.array([ray_ops is not None], np.int64), table, rays)
 
 
 def identity_camera() -> Float32Array:

@@ -13,11 +13,12 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.memory import write3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, lane_ahead
 from engine.kernels.shader.ahead import ask_for_coordinates, ask_for_texels
-from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, TEXTURE_FIRST
+from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, RAYS_FIRST, TEXTURE_FIRST
 from engine.kernels.shader.ops_closure import run_closure_op
 from engine.kernels.shader.ops_image import run_image_op
 from engine.kernels.shader.ops_input import OP_ATTRIBUTE, OP_NORMAL, OP_SET_NORMAL, run_attribute, run_input_op
 from engine.kernels.shader.ops_math import run_math_op
+from engine.kernels.shader.ops_rays import run_ray_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
 from engine.kernels.shader.world_image import ask_for_world, shade_world
@@ -70,9 +71,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
     mode : int
         MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY or MODE_MEDIUM, plus MODE_NO_*_CAUSTICS.
     """
-    code = shaders.code
-    programs = shaders.programs
-    values = shaders.program_values
+    code, programs, values = shaders.code, shaders.programs, shaders.program_values
     pool = shaders.tables
     camera = shaders.camera
     pass_indices = shaders.program_pass_index
@@ -133,6 +132,8 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
                 write3(floats, code[pc + 2], read_point(points, lane, POINT_NS))
             elif opcode == OP_ATTRIBUTE:
                 run_attribute(code, pc, floats, geometry, points, lane)
+            elif opcode >= RAYS_FIRST:
+                run_ray_op(memory, shaders, geometry, points, lane, pc, column == 2 * MODE_CLOSURES)
             else:
                 run_input_op(opcode, code, pc, floats, pool, geometry, points, lane, camera, pass_indices)
                 if opcode == OP_SET_NORMAL:

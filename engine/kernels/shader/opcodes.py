@@ -3,6 +3,7 @@
 
 INPUT_FIRST = 0  # engine/kernels/shader/ops_input.py
 DISPLACEMENT_FIRST = 80  # engine/kernels/shader/ops_displacement.py, run by that
+RAYS_FIRST = 90  # engine/kernels/shader/ops_rays.py
 CLOSURE_FIRST = 100  # engine/kernels/shader/ops_closure.py
 VOLUME_FIRST = 170  # engine/kernels/shader/ops_volume.py, run as closures
 IMAGE_FIRST = 200  # engine/kernels/shader/ops_image.py

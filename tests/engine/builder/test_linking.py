@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.accel.masks import BLOCKER_BITS, CATCHER_MASK_SHIFT, FIRST_BLOCKER_BIT
+from engine.accel.masks import BLOCKER_BITS, CATCHER_MASK_SHIFT, FIRST_BLOCKER_BIT, MASK_RAYCAST
 from engine.builder.blockers import find_blockers
 from engine.builder.scene import SceneCache, build_scene
 from engine.scene.description import Light, SceneDescription
@@ -151,7 +151,8 @@ def test_too_many_choices_of_blockers_are_named() -> None:
     assert [notice.problem for notice in blockers.notices] == [
         f"more than {BLOCKER_BITS} different choices of blockers are not supported"
     ]
-    assert FIRST_BLOCKER_BIT + BLOCKER_BITS <= CATCHER_MASK_SHIFT
+    assert FIRST_BLOCKER_BIT + BLOCKER_BITS < CATCHER_MASK_SHIFT and MASK_RAYCAST < 1 << CATCHER_MASK_SHIFT
+    assert MASK_RAYCAST >= 1 << FIRST_BLOCKER_BIT + BLOCKER_BITS
 
 
 @pytest.mark.parametrize(
