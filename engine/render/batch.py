@@ -40,6 +40,7 @@ from engine.state.lanes import (
     value_width,
 )
 from engine.state.media import allocate_media_lanes
+from engine.state.passed_hits import allocate_passed_hits
 from engine.state.shaders import ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import UnitCosts
@@ -178,6 +179,7 @@ class Batch:
             samples=allocate_light_samples(lanes, channel_count),
             draws=allocate_light_draws(),
             shadows=allocate_shadow_rays(lanes, channel_count),
+            passed=allocate_passed_hits(lanes),
             light_points=allocate_points(lanes),
             light_closures=light_closures,
             light_shaded=as_rgb(light_closures),
