@@ -19,7 +19,7 @@ from engine.guiding.fields.vmm.field import no_field
 from engine.guiding.models.candidate_model import CandidateModel
 from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
-from engine.render.batch import Arm, Batch
+from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.python_stages import python_stages
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
@@ -28,7 +28,7 @@ from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
-from engine.state.lanes import RGB
+from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import (
     HEADER_EMITTERS,
     HEADER_FIRST_DISTANT,
@@ -398,7 +398,8 @@ class Tracer:
         bool
             False if it was stopped; the film is then incomplete.
         """
-        batch.begin()
+        has_few = self.view.header[SCENE_HAS_ROUNDS] != 0 and self._arms[unit.arm].guidance is None
+        batch.begin(LANES_AMONG_STRANDS if has_few else LANE_COUNT)
         started, cost_from = time.perf_counter(), _UNIT_CLOCK()
         model = self._arms[unit.arm].model
         ask = None if model is None else model.ask_elsewhere
