@@ -119,6 +119,12 @@ def _link_of(model: CandidateModel, batch: Batch) -> object:
     return model.kernel, model.memory(None)._numba_type_, batch.work.candidates._numba_type_
 
 
+def _lanes_in_flight(view: SceneView, arm: Arm) -> int:
+    """How many paths a unit has at once."""
+    has_few = view.header[SCENE_HAS_ROUNDS] != 0 and arm.guidance is None
+    return LANES_AMONG_STRANDS if has_few else LANE_COUNT
+
+
 class Tracer:
     """Path tracing; shared by all threads, changed by none while they trace.
 
@@ -398,8 +404,7 @@ class Tracer:
         bool
             False if it was stopped; the film is then incomplete.
         """
-        has_few = self.view.header[SCENE_HAS_ROUNDS] != 0 and self._arms[unit.arm].guidance is None
-        batch.begin(LANES_AMONG_STRANDS if has_few else LANE_COUNT)
+        batch.begin(_lanes_in_flight(self.view, self._arms[unit.arm]))
         started, cost_from = time.perf_counter(), _UNIT_CLOCK()
         model = self._arms[unit.arm].model
         ask = None if model is None else model.ask_elsewhere
