@@ -15,6 +15,7 @@ from engine.state import lanes
 from engine.state.columns import Column, columns_of, dtype_of
 from engine.state.film import FilmTile, Merge
 from engine.state.media import MediaLanes
+from engine.state.passed_hits import PassedHits
 from engine.state.tracking import TrackedLanes
 from engine.state.walks import WalkLanes
 
@@ -41,9 +42,9 @@ _PARTS: dict[str, tuple[type[Bundle], ...]] = {
     "Film": (FilmTile,),
     "Records": (VertexRecords, CacheRecords, VertexLog),
     "Lanes": (
-        lanes.PathState, lanes.ShadePoints, lanes.Closures, lanes.LightSamples, lanes.ShadowRays, lanes.GuidedLanes,
-        lanes.CachedLanes, lanes.LightPassLanes, lanes.FeatureLanes, lanes.CatcherLanes, MediaLanes, TrackedLanes,
-        WalkLanes, lanes.LightDraws, Candidates,
+        lanes.PathState, lanes.ShadePoints, lanes.Closures, lanes.LightSamples, lanes.ShadowRays, PassedHits,
+        lanes.GuidedLanes, lanes.CachedLanes, lanes.LightPassLanes, lanes.FeatureLanes, lanes.CatcherLanes, MediaLanes,
+        TrackedLanes, WalkLanes, lanes.LightDraws, Candidates,
     ),
 }  # fmt: skip
 

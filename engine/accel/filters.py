@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What Embree calls back for each hit of some searches: its filter functions.
 
-They pass the triangles that a ray starts and ends on, count what shadow rays may pass, and keep boundaries of media.
+They pass the triangles that a ray starts and ends on, and keep what shadow rays may pass and boundaries of media.
 Embree gets their addresses with the ray (`scratch.py`).
 """
 
@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from engine.accel.masks import MASK_MEDIUM, MASK_SHADOW_TRANSPARENT
 from engine.accel.ray_words import (
-    BOUNDARY_WIDTH,
     CONTEXT,
     CONTEXT_COUNT,
     CONTEXT_INSTANCE_COUNT,
     CONTEXT_LIGHT,
     CONTEXT_MASKS,
+    CONTEXT_MOST,
     CONTEXT_OWN,
-    FIRST_BOUNDARY,
+    FIRST_KEPT,
+    KEPT_WIDTH,
     MOST_BOUNDARIES,
+    MOST_PASSED,
     WORD_BYTES,
 )
 from engine.kernels.addresses import read_half, read_real, read_word, write_half
@@ -32,7 +34,9 @@ _INSTANCE_COUNT = (CONTEXT_INSTANCE_COUNT - CONTEXT) * WORD_BYTES
 _MASKS = (CONTEXT_MASKS - CONTEXT) * WORD_BYTES
 _OWN = (CONTEXT_OWN - CONTEXT) * WORD_BYTES
 _LIGHT = (CONTEXT_LIGHT - CONTEXT) * WORD_BYTES
-_ROWS = (FIRST_BOUNDARY - CONTEXT) * WORD_BYTES
+_MOST = (CONTEXT_MOST - CONTEXT) * WORD_BYTES
+_ROWS = (FIRST_KEPT - CONTEXT) * WORD_BYTES
+_ROW_BYTES = KEPT_WIDTH * WORD_BYTES
 
 
 @kernel
@@ -93,9 +97,36 @@ def cull(arguments):
         write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 
+@kernel
+def _write_hit(row, ray, hit, instance):
+    """Write a hit to the row of the scratch at an address."""
+    write_half(row, 0, read_half(ray, _RAY_END))
+    write_half(row, 4, read_half(hit, _FOUND_U))
+    write_half(row, 8, read_half(hit, _FOUND_V))
+    write_half(row, 12, read_half(hit, _FOUND_TRIANGLE))
+    write_half(row, 16, instance)
+
+
+@kernel
+def _place_of(context, count, distance):
+    """Where to write a hit that comes after `count` others, an address; 0: as many that are closer have been kept."""
+    first = context + _ROWS
+    if count < MOST_PASSED:
+        return first + count * _ROW_BYTES
+    place, farthest = 0, distance
+    for k in range(MOST_PASSED):
+        # Bits of floats that are not negative are in the floats' order.
+        kept = read_half(first, k * _ROW_BYTES)
+        if kept > farthest:
+            place, farthest = first + k * _ROW_BYTES, kept
+    return place
+
+
 @kernel(called_by_c=True)
-def count_passed(arguments):
-    """Embree's filter function: count a hit on what shadow rays may pass, and have the search go on.
+def keep_passed(arguments):
+    """Embree's filter function: keep a hit on what shadow rays may pass, and have the search go on.
+
+    A hit more than the ray may pass ends the search, as what is opaque does.
 
     Parameters
     ----------
@@ -105,9 +136,16 @@ def count_passed(arguments):
     context, hit = read_word(arguments, _FILTER_CONTEXT), read_word(arguments, _FILTER_HIT)
     if _is_skipped(context, hit):
         write_half(read_word(arguments, _FILTER_VALID), 0, 0)
-    elif _filtered_mask(context, _filtered_instance(context, hit)) & MASK_SHADOW_TRANSPARENT:
-        write_half(context, _FOUND_COUNT, read_half(context, _FOUND_COUNT) + 1)
-        write_half(read_word(arguments, _FILTER_VALID), 0, 0)
+        return
+    instance, count = _filtered_instance(context, hit), read_half(context, _FOUND_COUNT)
+    if _filtered_mask(context, instance) & MASK_SHADOW_TRANSPARENT == 0 or count >= read_half(context, _MOST):
+        return
+    ray = read_word(arguments, _FILTER_RAY)
+    place = _place_of(context, count, read_half(ray, _RAY_END))
+    if place != 0:
+        _write_hit(place, ray, hit, instance)
+    write_half(context, _FOUND_COUNT, count + 1)
+    write_half(read_word(arguments, _FILTER_VALID), 0, 0)
 
 
 @kernel(called_by_c=True)
@@ -128,13 +166,9 @@ def keep_boundary(arguments):
         return
     count = read_half(context, _FOUND_COUNT)
     if count < MOST_BOUNDARIES:
-        row = context + _ROWS + count * (WORD_BYTES * BOUNDARY_WIDTH)
+        row = context + _ROWS + count * _ROW_BYTES
         ray = read_word(arguments, _FILTER_RAY)
-        write_half(row, 0, read_half(ray, _RAY_END))
-        write_half(row, 4, read_half(hit, _FOUND_U))
-        write_half(row, 8, read_half(hit, _FOUND_V))
-        write_half(row, 12, read_half(hit, _FOUND_TRIANGLE))
-        write_half(row, 16, instance)
+        _write_hit(row, ray, hit, instance)
         for k in range(3):
             write_half(row, 20 + 4 * k, read_half(hit, _FOUND_NORMAL + 4 * k))
             write_half(row, 32 + 4 * k, read_half(ray, _RAY_DIRECTION + 4 * k))

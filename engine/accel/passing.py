@@ -8,14 +8,16 @@ import numpy as np
 from engine.accel.library import rtc_occluded
 from engine.accel.ray_words import (
     BOUNDARY_ARGUMENTS,
-    BOUNDARY_ORDER,
-    BOUNDARY_WIDTH,
     CONTEXT_COUNT,
     CONTEXT_INSTANCE_COUNT,
     CONTEXT_MASKS,
-    FIRST_BOUNDARY,
+    CONTEXT_MOST,
+    FIRST_KEPT,
     HIT_DISTANCE,
+    KEPT_ORDER,
+    KEPT_WIDTH,
     MOST_BOUNDARIES,
+    MOST_PASSED,
     PASSING_ARGUMENTS,
     WORD_BYTES,
 )
@@ -50,13 +52,53 @@ def _search_through(scene, ray, bits, address, arguments):
 
 
 @kernel
-def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
-    """How many hits on the segment shadow rays may pass, of what the mask selects; -1 if anything else lies on it.
+def _sort_kept(ray, bits, count):
+    """Put the numbers of the first `count` hits that were kept in the order of the distance."""
+    for k in range(count):
+        distance = ray[FIRST_KEPT + KEPT_WIDTH * k]
+        place = k
+        while place > 0:
+            before = bits[KEPT_ORDER + place - 1]
+            if not ray[FIRST_KEPT + KEPT_WIDTH * np.int64(before)] > distance:
+                break
+            bits[KEPT_ORDER + place] = before
+            place -= 1
+        bits[KEPT_ORDER + place] = k
 
-    Arguments as `trace_closest`; see `prepare_filters`. What `start_on` and `end_on` have named does not count.
+
+@kernel
+def limit_passing(bits, most):
+    """Say how many hits the next rays of `trace_passing` may pass; fewer than 0: none."""
+    bits[CONTEXT_MOST] = max(most, 0)
+
+
+@kernel
+def trace_passing(scene, ray, bits, address, origin, direction, near, far, time, mask):
+    """Find all hits of a segment on what shadow rays may pass, of what the mask selects; `read_kept` reads them.
+
+    Arguments as `trace_closest`; see `prepare_filters` and `limit_passing`. What `start_on` and `end_on` have named
+    does not count.
+
+    Returns
+    -------
+    int
+        How many there are, of which the closest MOST_PASSED are kept; -1 if they are more than the ray may pass, or if
+        anything else lies on the segment.
     """
     set_ray(ray, bits, origin, direction, near, far, time, mask)
-    return _search_through(scene, ray, bits, address, PASSING_ARGUMENTS)
+    count = _search_through(scene, ray, bits, address, PASSING_ARGUMENTS)
+    _sort_kept(ray, bits, min(count, MOST_PASSED))
+    return count
+
+
+@kernel
+def read_kept(ray, bits, geometry, k):
+    """Hit number k, in the order of the distance, of those that a search has kept: as of `read_hit`."""
+    row = FIRST_KEPT + KEPT_WIDTH * np.int64(bits[KEPT_ORDER + k])
+    instance = np.int64(bits[row + 4])
+    mesh = geometry.instance_table[instance, INSTANCE_MESH]
+    triangle = np.int64(geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]) + np.int64(bits[row + 3])
+    return instance, triangle, ray[row], ray[row + 1], ray[row + 2]
 
 
 @kernel
@@ -77,16 +119,7 @@ def trace_boundaries(scene, ray, bits, address, origin, direction, near, far, ti
     """
     set_ray(ray, bits, origin, direction, near, far, time, mask)
     count = _search_through(scene, ray, bits, address, BOUNDARY_ARGUMENTS)
-    for k in range(min(count, MOST_BOUNDARIES)):
-        distance = ray[FIRST_BOUNDARY + BOUNDARY_WIDTH * k]
-        place = k
-        while place > 0:
-            before = bits[BOUNDARY_ORDER + place - 1]
-            if not ray[FIRST_BOUNDARY + BOUNDARY_WIDTH * np.int64(before)] > distance:
-                break
-            bits[BOUNDARY_ORDER + place] = before
-            place -= 1
-        bits[BOUNDARY_ORDER + place] = k
+    _sort_kept(ray, bits, min(count, MOST_BOUNDARIES))
     return count
 
 
@@ -101,11 +134,10 @@ def read_boundary(ray, bits, geometry, k):
     is_back : bool
         Whether the triangle's normal points along the ray.
     """
-    row = FIRST_BOUNDARY + BOUNDARY_WIDTH * np.int64(bits[BOUNDARY_ORDER + k])
-    instance = np.int64(bits[row + 4])
-    mesh, flags = geometry.instance_table[instance, INSTANCE_MESH], geometry.instance_table[instance, INSTANCE_FLAGS]
-    triangle = np.int64(geometry.mesh_table[mesh, MESH_FIRST_TRIANGLE]) + np.int64(bits[row + 3])
+    row = FIRST_KEPT + KEPT_WIDTH * np.int64(bits[KEPT_ORDER + k])
+    instance, triangle, distance, u, v = read_kept(ray, bits, geometry, k)
+    flags = geometry.instance_table[instance, INSTANCE_FLAGS]
     along = ray[row + 5] * ray[row + 8] + ray[row + 6] * ray[row + 9] + ray[row + 7] * ray[row + 10]
     # What is mirrored has been turned inside out where its triangles are stored in world space.
     is_turned = flags & INSTANCE_FLAG_BAKED != 0 and flags & INSTANCE_FLAG_MIRRORED != 0
-    return instance, triangle, ray[row], ray[row + 1], ray[row + 2], along < 0.0 if is_turned else along > 0.0
+    return instance, triangle, distance, u, v, along < 0.0 if is_turned else along > 0.0

@@ -19,8 +19,8 @@ HIT_GEOMETRY = 18
 HIT_INSTANCE = 19
 
 # Behind the RTCRayHit in a thread's scratch, in words: the arguments of searches that skip the triangles at their ends,
-# of those that count what they pass, and of those for boundaries of media; their context, of which Embree knows the
-# first two words; boundaries that were found; and numbers of these in the order of the distance.
+# of those that keep what they pass, and of those for boundaries of media; their context, of which Embree knows the
+# first two words; hits that were kept; and numbers of these in the order of the distance.
 SKIPPING_ARGUMENTS = 32
 PASSING_ARGUMENTS = 48
 BOUNDARY_ARGUMENTS = 64
@@ -32,11 +32,16 @@ CONTEXT_MASKS = CONTEXT + 4  # address
 # curve all segments).
 CONTEXT_OWN = CONTEXT + 6
 CONTEXT_LIGHT = CONTEXT + 9
-FIRST_BOUNDARY = CONTEXT + 16
+#: How many hits a shadow ray may pass.
+CONTEXT_MOST = CONTEXT + 12
+FIRST_KEPT = CONTEXT + 16
 #: Boundaries that a search finds at once.
 MOST_BOUNDARIES = 128
-# A boundary has distance, u, v, triangle within its mesh, instance, normal, the ray's direction in the same space.
-BOUNDARY_WIDTH = 12
-BOUNDARY_ORDER = FIRST_BOUNDARY + MOST_BOUNDARIES * BOUNDARY_WIDTH
-SCRATCH_WORDS = BOUNDARY_ORDER + MOST_BOUNDARIES
+#: Hits that a shadow ray passes of which a search keeps where they are: the closest.
+MOST_PASSED = 32
+# A hit has distance, u, v, triangle within its mesh, instance, and a boundary its normal and the ray's direction in the
+# same space as well.
+KEPT_WIDTH = 12
+KEPT_ORDER = FIRST_KEPT + MOST_BOUNDARIES * KEPT_WIDTH
+SCRATCH_WORDS = KEPT_ORDER + MOST_BOUNDARIES
 WORD_BYTES = 4

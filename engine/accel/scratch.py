@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.accel.called import address_of
-from engine.accel.filters import count_passed, keep_boundary, skip
+from engine.accel.filters import keep_boundary, keep_passed, skip
 from engine.accel.ray_words import (
     BOUNDARY_ARGUMENTS,
     CONTEXT,
@@ -32,7 +32,7 @@ class RayScratch:
         self.bits = self.ray.view(np.uint32)
         self.address = self.ray.ctypes.data
         for first, function in (
-            (SKIPPING_ARGUMENTS, skip), (PASSING_ARGUMENTS, count_passed), (BOUNDARY_ARGUMENTS, keep_boundary)
+            (SKIPPING_ARGUMENTS, skip), (PASSING_ARGUMENTS, keep_passed), (BOUNDARY_ARGUMENTS, keep_boundary)
         ):
             # RTCIntersectArguments, or RTCOccludedArguments: flags, features, context, filter function, and nothing of
             # what is no triangle.

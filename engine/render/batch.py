@@ -41,6 +41,7 @@ from engine.state.lanes import (
     value_width,
 )
 from engine.state.media import allocate_media_lanes
+from engine.state.passed_hits import allocate_passed_hits
 from engine.state.shaders import RayOps, ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import UnitCosts
@@ -71,6 +72,10 @@ from engine.wavefront.columns import (
 )
 from engine.wavefront.node_rays import NodeRays
 from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, SceneView, Work, allocate_queue
+
+#: Paths in flight where there are strands or points: rays look into more memory than a core has near it, and so find
+#: there what the last few rays have read.
+LANES_AMONG_STRANDS = 128
 
 
 class Arm(NamedTuple):
@@ -181,6 +186,7 @@ class Batch:
             samples=allocate_light_samples(lanes, channel_count),
             draws=allocate_light_draws(),
             shadows=allocate_shadow_rays(lanes, channel_count),
+            passed=allocate_passed_hits(lanes),
             light_points=allocate_points(lanes),
             light_closures=light_closures,
             light_shaded=as_rgb(light_closures),
@@ -200,7 +206,6 @@ class Batch:
             cache_records=allocate_cache_records(CACHE_RECORD_ROWS if records and uses_cache else 1),
         )
         self._queue_counts = [getattr(self.work, name).count for name in QUEUES]
-        self._free_lanes = np.arange(LANE_COUNT - 1, -1, -1, dtype=np.int32)
         #: Whether no unit changes what lanes have where nothing guides them.
         self._stays_plain = not (is_guided or records or layout.has_media)
         self.work.samples.cluster[:] = -1
@@ -278,15 +283,15 @@ class Batch:
             self._model, self._model_memory = arm.model, arm.model.memory(self._model_memory)
         return arm.radiance._replace(model=self._model_memory)
 
-    def begin(self) -> None:
-        """All lanes free, nothing counted, the film black."""
+    def begin(self, lane_count: int = LANE_COUNT) -> None:
+        """So many lanes free, nothing counted, the film black."""
         work = self.work
         for array in self.film:
             array.fill(0)
         for count in self._queue_counts:
             count[0] = 0
-        work.free.lanes[:] = self._free_lanes
-        work.free.count[0] = LANE_COUNT
+        work.free.lanes[:lane_count] = np.arange(lane_count - 1, -1, -1, dtype=np.int32)
+        work.free.count[0] = lane_count
         work.counts[:] = 0
         work.clock[:] = 0
         work.closures.aovs[:] = 0.0

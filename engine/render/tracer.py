@@ -20,7 +20,7 @@ from engine.guiding.fields.vmm.field import no_field
 from engine.guiding.models.candidate_model import CandidateModel
 from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
-from engine.render.batch import Arm, Batch
+from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
 from engine.render.python_stages import python_stages
 from engine.ris.orca import no_allocation
@@ -30,7 +30,7 @@ from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
-from engine.state.lanes import RGB
+from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import (
     HEADER_EMITTERS,
     HEADER_FIRST_DISTANT,
@@ -121,6 +121,12 @@ def _with_clearance(scene: Scene) -> np.ndarray:
 def _link_of(model: CandidateModel, batch: Batch) -> object:
     """What decides whether a stage that asks a model can ask another."""
     return model.kernel, model.memory(None)._numba_type_, batch.work.candidates._numba_type_
+
+
+def _lanes_in_flight(view: SceneView, arm: Arm) -> int:
+    """How many paths a unit has at once."""
+    has_few = view.header[SCENE_HAS_ROUNDS] != 0 and arm.guidance is None
+    return LANES_AMONG_STRANDS if has_few else LANE_COUNT
 
 
 class Tracer:
@@ -399,7 +405,7 @@ class Tracer:
         bool
             False if it was stopped; the film is then incomplete.
         """
-        batch.begin()
+        batch.begin(_lanes_in_flight(self.view, self._arms[unit.arm]))
         started, cost_from = time.perf_counter(), _UNIT_CLOCK()
         model = self._arms[unit.arm].model
         ask = None if model is None else model.ask_elsewhere

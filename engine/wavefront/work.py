@@ -34,6 +34,7 @@ from engine.state.lanes import (
 )
 from engine.state.lights import LightArrays
 from engine.state.media import MediaArrays, MediaLanes
+from engine.state.passed_hits import PassedHits
 from engine.state.shaders import ShaderArrays, ShaderMemory
 from engine.state.tracking import TrackedLanes
 from engine.state.walks import WalkLanes
@@ -156,6 +157,7 @@ class Work(Bundle):
     single, several : guided lanes with one candidate, and with several
     walking : lanes whose path goes in below a surface
     draws : scratch of `choose_lights`
+    passed : hits that shadow rays have ahead of them on what may let light through
     light_points, light_closures : of lights and of what shadow rays meet
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
     passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
@@ -191,6 +193,7 @@ class Work(Bundle):
     samples: LightSamples
     draws: LightDraws
     shadows: ShadowRays
+    passed: PassedHits
     light_points: ShadePoints
     light_closures: Closures
     light_shaded: Closures

@@ -15,7 +15,7 @@ from engine.accel.accelerator import build_accelerator
 from engine.accel.hierarchies import MeshHierarchies
 from engine.accel.library import library_path
 from engine.accel.masks import MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
-from engine.accel.passing import prepare_filters, trace_passing
+from engine.accel.passing import limit_passing, prepare_filters, trace_passing
 from engine.accel.rays import trace_closest, trace_occluded
 from engine.accel.scratch import RayScratch
 from engine.builder.geometry import build_geometry
@@ -37,9 +37,14 @@ def _occluded(scene, ray, bits, address, ox, oy, oz, far, mask):
 
 
 @kernel
-def _passed(scene, masks, count, ray, bits, address, ox, oy, oz, far, mask):
-    prepare_filters(bits, masks, count)
+def _passed(scene, ray, bits, address, ox, oy, oz, far, mask):
     return trace_passing(scene, ray, bits, address, (ox, oy, oz), (0.0, 0.0, -1.0), 0.0, far, 0.0, mask)
+
+
+@kernel
+def _prepare(bits, masks, count, most):
+    prepare_filters(bits, masks, count)
+    limit_passing(bits, most)
 
 
 def trace(accelerator, origin, mask=VISIBLE_CAMERA):
@@ -112,10 +117,10 @@ def test_one_search_counts_what_a_shadow_ray_passes_and_finds_what_stops_it(user
     accelerator = build_accelerator(geometry, masks, MeshHierarchies(1), shapes_key=shapes_key)
     s = RayScratch()
 
-    def passed(x, y, z, far, mask=opaque | transparent):
-        scene_arguments = (accelerator.handle, accelerator.mask_handle, len(geometry.instance_table))
+    def passed(x, y, z, far, mask=opaque | transparent, most=9):
+        _prepare(s.bits, accelerator.mask_handle, len(geometry.instance_table), most)
         numbers = (np.float32(value) for value in (x, y, z, far))
-        return _passed(*scene_arguments, s.ray, s.bits, s.address, *numbers, np.uint32(mask))
+        return _passed(accelerator.handle, s.ray, s.bits, s.address, *numbers, np.uint32(mask))
 
     assert passed(0.5, -0.4, 5.0, 1.9) == 0
     assert passed(0.5, -0.4, 5.0, 2.1) == 1
@@ -125,6 +130,7 @@ def test_one_search_counts_what_a_shadow_ray_passes_and_finds_what_stops_it(user
     assert passed(3.0, 0.0, 5.0, 9.0) == 0
     assert passed(0.5, -0.4, 5.0, 9.0, transparent) == 3
     assert passed(0.5, -0.4, 5.0, 9.0, opaque) == -1
+    assert [passed(0.5, -0.4, 5.0, 4.9, most=most) for most in (-1, 0, 2, 3)] == [-1, -1, -1, 3]
     if user_count == 2:
         assert passed(6.5, -0.4, 5.0, 2.1) == -1
 

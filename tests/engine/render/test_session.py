@@ -56,23 +56,23 @@ def test_shadows_of_transparent_surfaces_do_not_depend_on_the_unit_of_light(stre
 
 
 def panes_scene():
-    """A pit under a sun, covered by a sheet that lets light through everywhere and one that does by a pattern."""
-    tinted = material("Tinted", (0.7, 0.8, 0.9), "ShaderNodeBsdfTransparent")
+    """A pit under a sun, covered by sheets that let light through everywhere and some that do by a pattern."""
+    tinted = material("Tinted", (0.97, 0.98, 0.99), "ShaderNodeBsdfTransparent")
     colors = {"Color1": (1.0, 1.0, 1.0, 1.0), "Color2": (0.0, 0.0, 0.0, 1.0)}
     checker = Node("ShaderNodeTexChecker", "Checker", {"Scale": 0.3, **colors})
     cut = Node("ShaderNodeBsdfTransparent", "Cut", {"Color": Link(0, "Color")})
     description = pit_scene()
     description.materials += [tinted, Material("Cut", "Cut", NodeGraph([checker, cut], Link(1, "BSDF")))]
-    sheets = np.stack([at(0, 0, height) for height in (20.0, 25.0)]).astype(np.float32)
-    walls = np.concatenate([description.instances.transform, [at(60.0 + i, 0, -60.0) for i in range(33)]])
+    sheets = np.stack([at(0, 0, height) for height in np.linspace(20.0, 25.0, 40)]).astype(np.float32)
+    walls = np.concatenate([description.instances.transform, [at(60.0 + i, 0, -60.0) for i in range(760)]])
     description.instances = plain_instances(np.concatenate([walls, sheets]), name="Part")
-    description.instances.material_offset = np.array([0] * len(walls) + [1, 2], np.int32)
+    description.instances.material_offset = np.array([0] * len(walls) + [1] * 39 + [2], np.int32)
     description.instances.materials = np.array([0, 1, 2], np.int32)
     return description
 
 
 def test_transparent_casters_of_shadows_give_the_same_picture_in_a_hierarchy_of_their_own():
-    session = Session(RenderSettings(samples=4, threads=1, max_bounces=4))
+    session = Session(RenderSettings(samples=4, threads=1, max_bounces=4, transparent_max_bounces=64))
     session.load(panes_scene())
     accelerator = session.scene.accelerator
     assert accelerator.transparent is not accelerator.top
