@@ -158,6 +158,12 @@ def hair_roughness(param, lane, i):
 
 
 @kernel
+def whole_albedo(param, lane, i, wo, c):
+    """That of a lobe which loses nothing."""
+    return 1.0 + 0.0 * wo[0]
+
+
+@kernel
 def sample_hair_reflection(param, channels, lane, i, wo, u0, u1, u2):
     """See `HairLobe.sample`."""
     theta_o = safe_asin(dot(read3(param, lane, i, HAIR_TANGENT), wo))
@@ -176,6 +182,6 @@ def sample_hair_transmission(param, channels, lane, i, wo, u0, u1, u2):
 
 
 LOBES = (
-    HairLobe(HAIR_REFLECTION, eval_hair_reflection, sample_hair_reflection, hair_roughness),
-    HairLobe(HAIR_TRANSMISSION, eval_hair_transmission, sample_hair_transmission, hair_roughness),
+    HairLobe(HAIR_REFLECTION, eval_hair_reflection, sample_hair_reflection, hair_roughness, whole_albedo),
+    HairLobe(HAIR_TRANSMISSION, eval_hair_transmission, sample_hair_transmission, hair_roughness, whole_albedo),
 )
