@@ -12,17 +12,17 @@ import math
 import numpy as np
 
 from engine.kernels.bsdf.closures import append_closure, read3
-from engine.kernels.bsdf.kinds import HAIR_REFLECTION, HAIR_TRANSMISSION
+from engine.kernels.bsdf.kinds import CHIANG, HAIR_REFLECTION, HAIR_TRANSMISSION, HUANG
 from engine.kernels.bsdf.lobe import HairLobe
 from engine.kernels.bsdf.normals import valid_specular_normal
 from engine.kernels.constants import PI
 from engine.kernels.memory import read3 as read_operand
 from engine.kernels.vector import add, cross, dot, normalize, orthonormal_basis, scale, subtract
 from engine.runtime.jit import kernel
-from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_WEIGHT
 
 # Columns of Closures.param.
-HAIR_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns
+HAIR_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns, of all kinds of fibres
 _ALONG = CLOSURE_KIND_PARAMS + 4  # roughness along the fibre, and around it
 _AROUND = CLOSURE_KIND_PARAMS + 5
 _OFFSET = CLOSURE_KIND_PARAMS + 6  # tilt of the scales [rad]
@@ -155,6 +155,21 @@ def _direction(param, lane, i, wo, theta_o, phi, u):
 def hair_roughness(param, lane, i):
     """Geometric mean of both roughnesses."""
     return math.sqrt(param[lane, i, _ALONG] * param[lane, i, _AROUND])
+
+
+@kernel
+def feature_normal(closures, lane, i, wo):
+    """What closure `i` says of its surface to denoisers: its normal, as a rule.
+
+    Of fibres by Chiang's model it is the direction across them; by Huang's, which are seen from afar, that along
+    them (Cycles).
+    """
+    kind = closures.kind[lane, i]
+    if kind == HUANG:
+        return read3(closures.param, lane, i, HAIR_TANGENT)
+    if kind == CHIANG:
+        return normalize(cross(read3(closures.param, lane, i, HAIR_TANGENT), wo))
+    return read3(closures.param, lane, i, CLOSURE_N)
 
 
 @kernel

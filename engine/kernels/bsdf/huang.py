@@ -20,7 +20,7 @@ from engine.kernels.bsdf.chiang import cos_of, longitudinal, sample_longitudinal
 from engine.kernels.bsdf.closures import append_closure, read3, store_color
 from engine.kernels.bsdf.fibre_color import absorption, passed_along_radius
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
-from engine.kernels.bsdf.hair import fibre_tangent
+from engine.kernels.bsdf.hair import HAIR_TANGENT, fibre_tangent
 from engine.kernels.bsdf.huang_path import (
     angle_of,
     energy_scale,
@@ -58,7 +58,6 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_WEIGHT, MAX_CLOSURES
 
 # Columns of Closures.param.
-_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns
 _TURN = CLOSURE_KIND_PARAMS + 4  # from the tangent's own basis to the major axis [rad]
 _PASSED = CLOSURE_KIND_PARAMS + 5  # along a radius: exp(-absorption), a colour
 _GAMMA = CLOSURE_KIND_PARAMS + 9  # where the ray enters, see `huang_path`
@@ -233,7 +232,7 @@ def run_huang(closures, tables, lane, view, weight, memory, code, pc):
             return
         param = closures.param
         for c in range(3):
-            param[lane, i, _TANGENT + c] = tangent[c]
+            param[lane, i, HAIR_TANGENT + c] = tangent[c]
         param[lane, i, _TURN] = turn
         store_color(param, lane, i, _PASSED, passed)
         param[lane, i, HUANG_ALPHA] = min(max(alpha, 0.001), 1.0)
@@ -250,7 +249,7 @@ def run_huang(closures, tables, lane, view, weight, memory, code, pc):
 
 @kernel
 def _axes(param, lane, i):
-    tangent = (param[lane, i, _TANGENT], param[lane, i, _TANGENT + 1], param[lane, i, _TANGENT + 2])
+    tangent = (param[lane, i, HAIR_TANGENT], param[lane, i, HAIR_TANGENT + 1], param[lane, i, HAIR_TANGENT + 2])
     first, second = orthonormal_basis(tangent)
     turn = param[lane, i, _TURN]
     x = add(scale(first, math.cos(turn)), scale(second, math.sin(turn)))

@@ -147,3 +147,9 @@ def test_the_albedo_of_chiangs_model_is_the_colour_that_its_absorption_comes_fro
     for c, sigma in enumerate(absorbed):
         found = chiang.chiang_albedo(closures.param, 0, 0, WO, c)
         assert np.isclose(found, np.exp(-np.sqrt(sigma) * fit) + reflected, rtol=1e-3)
+
+
+def test_denoisers_are_told_the_direction_across_chiangs_fibres():
+    closures = _chiang((0.1, 0.2, 0.3), 0.4, 0.4)
+    across = np.cross(TANGENT, WO)
+    assert np.allclose(hair.feature_normal(closures, 0, 0, WO), across / np.linalg.norm(across), atol=1e-6)

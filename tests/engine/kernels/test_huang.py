@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.kernels.bsdf import fibre_color, huang
+from engine.kernels.bsdf import fibre_color, hair, huang
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.kinds import HUANG, TRANSPARENT
 from engine.kernels.bsdf.lobe import View
@@ -247,3 +247,8 @@ def test_the_albedo_is_a_series_of_reflections() -> None:
         passed = math.exp(-2.0 * sigma * abs(cos_inside) / (1.0 - along * along))
         series = sum((1.0 - reflected) ** 2 * passed * (reflected * passed) ** k for k in range(30))
         assert math.isclose(huang.huang_albedo(closures.param, 0, 0, WO, c), reflected + series, rel_tol=1e-4)
+
+
+def test_denoisers_are_told_the_direction_along_fibres() -> None:
+    closures = _closures(WO, count=1)
+    assert np.allclose(hair.feature_normal(closures, 0, 0, WO), (0.0, 0.0, 1.0), atol=1e-6)
