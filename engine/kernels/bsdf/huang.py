@@ -23,18 +23,20 @@ from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.hair import HAIR_TANGENT, fibre_tangent
 from engine.kernels.bsdf.huang_path import (
     angle_of,
+    angles,
     energy_scale,
     facet_numbers,
+    facing,
     first_facet,
-    normal_at,
     refracted,
     sample_facet,
     second_facet,
-    second_gamma,
     shadowing,
+    side_at,
+    side_of,
     spherical,
     third_facet,
-    third_gamma,
+    tilted,
 )
 from engine.kernels.bsdf.kinds import HUANG, HUANG_ALPHA
 from engine.kernels.bsdf.lobe import HairLobe
@@ -162,36 +164,40 @@ def _drawn_gamma(view, v, aspect, h, width, thickness, random):
 @kernel
 def _trace(param, data, lane, i, v, gamma, seed, number):
     """Draw the ray's way through the fibre and set the lobes' factors, which hold those of the node."""
-    alpha, tilt = param[lane, i, HUANG_ALPHA], param[lane, i, _TILT]
-    eta, b = param[lane, i, _ETA], param[lane, i, _ASPECT]
+    alpha, eta, b = param[lane, i, HUANG_ALPHA], param[lane, i, _ETA], param[lane, i, _ASPECT]
+    tilt = (math.cos(param[lane, i, _TILT]), math.sin(param[lane, i, _TILT]))
     of_tt, of_trt = param[lane, i, _TT], param[lane, i, _TRT]
     param[lane, i, _GAMMA] = gamma
     for column in (_THETA, _PHI, _THETA_BACK, _PHI_BACK, _TT, _TRT, _REST, _LEAVES):
         param[lane, i, column] = 0.0
-    scaled = energy_scale(data, dot(normal_at(gamma, b, tilt), v), alpha, eta)
+    side = side_at(gamma, b)
+    scaled = energy_scale(data, dot(tilted(side, tilt), v), alpha, eta)
     param[lane, i, _R] *= scaled
-    theta, phi, share = first_facet(alpha, tilt, eta, b, gamma, v, facet_numbers(seed, number, 0))
+    inside, share = first_facet(alpha, tilt, eta, side, v, facet_numbers(seed, number, 0))
     if not share > 0.0:
         return
-    gamma_2 = second_gamma(gamma, phi, b)
-    theta_back, phi_back, reflected, shown = second_facet(
-        alpha, tilt, eta, b, gamma_2, theta, phi, facet_numbers(seed, number, 1)
-    )
+    theta, phi = angles(inside)
+    turn = angle_of(phi, b)
+    w = negate(inside)
+    side = side_at(2.0 * turn - gamma, b)
+    tilt = (tilt[0], -tilt[1])
+    back, reflected, shown = second_facet(alpha, tilt, eta, side, w, facet_numbers(seed, number, 1))
     if shown < 0.0:
         return
-    cos_2 = -dot(normal_at(gamma_2, b, -tilt), spherical(theta, phi))
-    share *= scaled * energy_scale(data, cos_2, alpha, 1.0 / eta)
+    share *= scaled * energy_scale(data, dot(tilted(side, tilt), w), alpha, 1.0 / eta)
     param[lane, i, _THETA] = theta
     param[lane, i, _PHI] = phi
     param[lane, i, _TT] = of_tt * share
-    gamma_3 = third_gamma(gamma, phi, phi_back, b)
-    again, stays = third_facet(alpha, tilt, eta, b, gamma_3, theta_back, phi_back, facet_numbers(seed, number, 2))
-    cos_3 = dot(normal_at(gamma_3, b, -tilt), spherical(theta_back, phi_back))
-    if not (of_trt > 0.0 and cos_3 > 0.0 and shown > 0.0):
+    if not (of_trt > 0.0 and shown > 0.0):
         return
-    share *= reflected * shown * energy_scale(data, cos_3, alpha, 1.0 / eta)
-    param[lane, i, _THETA_BACK] = theta_back
-    param[lane, i, _PHI_BACK] = phi_back
+    theta, phi = angles(back)
+    m = tilted(side_at(gamma - 2.0 * (turn - angle_of(phi, b)) + PI, b), tilt)
+    if not dot(m, back) > 0.0:
+        return
+    again, stays = third_facet(alpha, m, eta, back, facet_numbers(seed, number, 2))
+    share *= reflected * shown * energy_scale(data, dot(m, back), alpha, 1.0 / eta)
+    param[lane, i, _THETA_BACK] = theta
+    param[lane, i, _PHI_BACK] = phi
     param[lane, i, _TRT] = of_trt * share
     param[lane, i, _REST] = share * again * stays
     param[lane, i, _LEAVES] = max(0.5 * (1.0 - reflected + 1.0 - again), 1e-5)
@@ -269,25 +275,12 @@ def _sides(param, lane, i):
     # The inward normal's parameter is that of the point on the other side.
     way = _distance(s_1 + s_2, b * (c_1 + c_2)) / max(math.cos(param[lane, i, _THETA]), 1e-6)
     way_back = _distance(s_2 - s_3, b * (c_2 - c_3)) / max(math.cos(param[lane, i, _THETA_BACK]), 1e-6)
-    return _normal_of(s_1, c_1, b), _normal_of(s_2, c_2, b), _normal_of(s_3, c_3, b), way, way_back
+    return side_of(s_1, c_1, b), side_of(s_2, c_2, b), side_of(s_3, c_3, b), way, way_back
 
 
 @kernel
 def _distance(x, z):
     return math.sqrt(x * x + z * z)
-
-
-@kernel
-def _normal_of(sine, cosine, b):
-    """Normal (x, z) of the ellipse where its parameter has this sine and cosine."""
-    over = 1.0 / math.sqrt(b * b * sine * sine + cosine * cosine)
-    return b * sine * over, cosine * over
-
-
-@kernel
-def _tilted(side, tilt):
-    """The normal, tilted by an angle of this cosine and sine."""
-    return side[0] * tilt[0], tilt[1], side[1] * tilt[0]
 
 
 @kernel
@@ -309,9 +302,9 @@ def _shares(param, lane, i, v, w_2, w_3, sides, tilt, left):
     eta = param[lane, i, _ETA]
     m, m_2, m_3, _, _ = sides
     back = (tilt[0], -tilt[1])
-    first, _ = fresnel_dielectric(dot(_tilted(m, tilt), v), eta)
-    second, _ = fresnel_dielectric(dot(_tilted(m_2, back), w_2), 1.0 / eta)
-    third, _ = fresnel_dielectric(dot(_tilted(m_3, back), w_3), 1.0 / eta)
+    first, _ = fresnel_dielectric(dot(tilted(m, tilt), v), eta)
+    second, _ = fresnel_dielectric(dot(tilted(m_2, back), w_2), 1.0 / eta)
+    third, _ = fresnel_dielectric(dot(tilted(m_3, back), w_3), 1.0 / eta)
     return (
         param[lane, i, _R] * max(first, _LEAST_SHARE),
         param[lane, i, _TT] * left[0] * max(1.0 - second, _LEAST_SHARE),
@@ -346,11 +339,11 @@ def _eval_reflected(param, lane, i, side, tilt, v, wi):
     """Density and value of R."""
     h = normalize(add(v, wi))
     cos_h = dot(v, h)
-    if cos_h <= 0.0 or side[0] * v[0] + side[1] * v[2] <= 0.0:
+    if cos_h <= 0.0 or facing(side, v) <= 0.0:
         return 0.0, 0.0
-    density, shown = _facets(param[lane, i, HUANG_ALPHA], _tilted(side, tilt), v, h, wi)
+    density, shown = _facets(param[lane, i, HUANG_ALPHA], tilted(side, tilt), v, h, wi)
     density *= 0.25 / cos_h
-    if side[0] * wi[0] + side[1] * wi[2] <= 0.0:
+    if facing(side, wi) <= 0.0:
         return density, 0.0
     reflected, _ = fresnel_dielectric(cos_h, param[lane, i, _ETA])
     return density, density * shown * reflected
@@ -371,10 +364,10 @@ def _eval_leaving(param, lane, i, side, tilt, w, wi):
     if cos_h <= 0.0 or cos_out <= 0.0:
         return 0.0, 0.0
     out = negate(wi)
-    m = _tilted(side, (tilt[0], -tilt[1]))
+    m = tilted(side, (tilt[0], -tilt[1]))
     density, shown = _facets(param[lane, i, HUANG_ALPHA], m, w, h, out)
     density *= inverse * inverse * cos_out * over_length * over_length
-    if dot(m, out) <= 0.0 or side[0] * out[0] + side[1] * out[2] <= 0.0:
+    if dot(m, out) <= 0.0 or facing(side, out) <= 0.0:
         return density, 0.0
     reflected, _ = fresnel_dielectric(cos_h, inverse)
     return density, density * shown * (1.0 - reflected)
@@ -450,13 +443,13 @@ def sample_huang(param, channels, lane, i, wo, u0, u1, u2):
         cosine, phi = cos_of(sine), _TWO_PI * u1
         return to_world((math.sin(phi) * cosine, sine, math.cos(phi) * cosine), x, y, z)
     if order == 0:
-        normal = _tilted(m, tilt)
+        normal = tilted(m, tilt)
         if dot(normal, v) <= 0.0:
             return nothing
         h = sample_facet(alpha, normal, v, u1, u2)
         return normalize(to_world(subtract(scale(h, 2.0 * dot(h, v)), v), x, y, z))
     w = w_2 if order == 1 else w_3
-    normal = _tilted(m_2 if order == 1 else m_3, (tilt[0], -tilt[1]))
+    normal = tilted(m_2 if order == 1 else m_3, (tilt[0], -tilt[1]))
     if dot(normal, w) <= 0.0:
         return nothing
     h = sample_facet(alpha, normal, w, u1, u2)

@@ -16,7 +16,7 @@ import numpy as np
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.lookup import GLASS_ALBEDO, read_volume
 from engine.kernels.bsdf.microfacet import sample_ggx_normal
-from engine.kernels.constants import ONE_MINUS_EPSILON, PI
+from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.rng import hash_combine, unit_float
 from engine.kernels.vector import dot, negate, normalize, orthonormal_basis, scale, subtract, to_local, to_world
 from engine.runtime.jit import kernel
@@ -38,11 +38,34 @@ def spherical(theta, phi):
 
 
 @kernel
-def normal_at(gamma, b, tilt):
-    """Normal of the ellipse, tilted along the fibre as its scales are."""
-    x, _, z = normalize((b * math.sin(gamma), 0.0 * b, math.cos(gamma)))
-    cosine = math.cos(tilt)
-    return x * cosine, math.sin(tilt), z * cosine
+def angles(w):
+    """Angle of a direction to the normal plane, and about the fibre."""
+    return math.atan2(w[1], math.sqrt(w[0] * w[0] + w[2] * w[2])), math.atan2(w[0], w[2])
+
+
+@kernel
+def side_of(sine, cosine, b):
+    """Normal (x, z) of the ellipse where its parameter has this sine and cosine."""
+    over = 1.0 / math.sqrt(b * b * sine * sine + cosine * cosine)
+    return b * sine * over, cosine * over
+
+
+@kernel
+def side_at(gamma, b):
+    """Normal (x, z) of the ellipse."""
+    return side_of(math.sin(gamma), math.cos(gamma), b)
+
+
+@kernel
+def tilted(side, tilt):
+    """The normal, tilted along the fibre as its scales are, by an angle of this cosine and sine."""
+    return side[0] * tilt[0], tilt[1], side[1] * tilt[0]
+
+
+@kernel
+def facing(side, w):
+    """Cosine between a normal (x, z) and a direction."""
+    return side[0] * w[0] + side[1] * w[2]
 
 
 @kernel
@@ -105,83 +128,63 @@ def facet_numbers(seed, number, order):
 
 
 @kernel
-def first_facet(alpha, tilt, eta, b, gamma, v, u):
-    """Where a ray enters that was seen from `v` at `gamma`.
+def first_facet(alpha, tilt, eta, side, v, u):
+    """Where a ray enters that was seen from `v`, by the facet of two numbers `u` in [0, 1).
 
     Returns
     -------
-    theta, phi : float32
-        Of the way inside.
+    inside : tuple of 3 float32
+        The way inside.
     transmitted : float32
         Share of the light that takes it; 0 if none does.
     """
-    m = normal_at(gamma, b, tilt)
-    m_round = normal_at(gamma, b, 0.0)
+    m = tilted(side, tilt)
     cos_o = dot(m, v)
-    if cos_o <= 0.0 or dot(m_round, v) <= 0.0:
-        return 0.0, 0.0, 0.0
+    if cos_o <= 0.0 or facing(side, v) <= 0.0:
+        return v, 0.0
     h = sample_facet(alpha, m, v, u[0], u[1])
     reflected, cos_t = fresnel_dielectric(dot(v, h), eta)
     if reflected >= 1.0:
-        return 0.0, 0.0, 0.0
+        return v, 0.0
     inside = refracted(v, h, cos_t, eta)
     cos_i = -dot(m, inside)
-    if cos_i <= 0.0 or dot(m_round, inside) >= 0.0:
-        return 0.0, 0.0, 0.0
-    theta = math.atan2(inside[1], math.sqrt(inside[0] * inside[0] + inside[2] * inside[2]))
-    return theta, math.atan2(inside[0], inside[2]), (1.0 - reflected) * shadowing(alpha * alpha, cos_o, cos_i)
+    if cos_i <= 0.0 or facing(side, inside) >= 0.0:
+        return v, 0.0
+    return inside, (1.0 - reflected) * shadowing(alpha * alpha, cos_o, cos_i)
 
 
 @kernel
-def second_facet(alpha, tilt, eta, b, gamma, theta, phi, u):
-    """Where that ray is reflected on the far side, at `gamma`.
+def second_facet(alpha, tilt, eta, side, w, u):
+    """Where that ray, which came from `w`, is reflected on the far side.
 
     Returns
     -------
-    theta, phi : float32
-        Of the way after it, backwards.
+    back : tuple of 3 float32
+        The way after it, backwards.
     reflected : float32
         The facet's reflectance.
     shown : float32
         What facets do not hide of it; 0 if it does not stay inside, -1 if the ray does not meet this side at all.
     """
-    w = negate(spherical(theta, phi))
-    m = normal_at(gamma, b, -tilt)
-    m_round = normal_at(gamma, b, 0.0)
+    m = tilted(side, tilt)
     cos_o = dot(m, w)
-    if cos_o <= 0.0 or dot(m_round, w) <= 0.0:
-        return 0.0, 0.0, 0.0, -1.0
+    if cos_o <= 0.0 or facing(side, w) <= 0.0:
+        return w, 0.0, -1.0
     h = sample_facet(alpha, m, w, u[0], u[1])
     reflected, _ = fresnel_dielectric(dot(w, h), 1.0 / eta)
     out = _mirrored(w, h)
     shown = 0.0
-    if dot(m, out) > 0.0 and dot(m_round, out) > 0.0:
+    if dot(m, out) > 0.0 and facing(side, out) > 0.0:
         shown = shadowing(alpha * alpha, cos_o, dot(m, out))
-    back = negate(out)
-    theta = math.atan2(back[1], math.sqrt(back[0] * back[0] + back[2] * back[2]))
-    return theta, math.atan2(back[0], back[2]), reflected, shown
+    return negate(out), reflected, shown
 
 
 @kernel
-def third_facet(alpha, tilt, eta, b, gamma, theta, phi, u):
+def third_facet(alpha, m, eta, w, u):
     """Reflectance where it meets the fibre's surface for the third time, and what facets do not hide: 0 if nothing."""
-    w = spherical(theta, phi)
-    m = normal_at(gamma, b, -tilt)
     cos_o = dot(m, w)
     if cos_o <= 0.0:
         return 0.0, 0.0
     h = sample_facet(alpha, m, w, u[0], u[1])
     reflected, _ = fresnel_dielectric(dot(w, h), 1.0 / eta)
     return reflected, shadowing(alpha * alpha, cos_o, dot(m, _mirrored(w, h)))
-
-
-@kernel
-def second_gamma(gamma, phi, b):
-    """The ellipse's parameter of the inward normal where a ray that entered at `gamma` meets it again."""
-    return 2.0 * angle_of(phi, b) - gamma
-
-
-@kernel
-def third_gamma(gamma, phi, phi_back, b):
-    """And for the third time."""
-    return gamma - 2.0 * (angle_of(phi, b) - angle_of(phi_back, b)) + PI
