@@ -78,8 +78,7 @@ _INV_TWO_PI = np.float32(0.5 / math.pi)
 _TWO_PI = np.float32(2.0 * math.pi)
 #: A refractive index so near to 1 bends nothing, and its lobes would be deltas.
 _LEAST_STEP = np.float32(1e-3)
-#: Ways through the fibre, spread evenly across it. The squared error is 2.8 times that of 8 with one, 1.4 with 4 (fur
-#: in the sun), and by time all are about as good.
+#: Ways through the fibre, spread evenly across it (docs/decisions/kernels-and-speed.md).
 _WAY_COUNT = 8
 #: Least share of the light at a facet by which lobes are chosen: facets differ.
 _LEAST_SHARE = np.float32(0.05)
