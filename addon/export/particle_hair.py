@@ -18,6 +18,7 @@ from engine.scene.limits import check_memory_of_strands
 from .colorspaces import from_srgb
 from .context import ExportContext
 from .materials import AttributeRequest
+from .path_cache import read_paths
 
 #: Strands between two questions whether to stop.
 _CANCEL_INTERVAL = 1 << 13
@@ -146,6 +147,9 @@ def _key_count(settings: Any, *, is_final: bool) -> int:
 
 def _read_keys(owner: bpy.types.Object, drawn: _Drawn, numbers: range) -> Float32Array:
     """Keys of strands in the world, float32 (S, K, 3)."""
+    together = read_paths(owner, drawn.system, numbers, drawn.key_count)
+    if together is not None:
+        return together
     read = drawn.system.co_hair
     keys = (read(object=owner, particle_no=number, step=step) for number in numbers for step in range(drawn.key_count))
     shape = (len(numbers), drawn.key_count, 3)

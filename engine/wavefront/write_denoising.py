@@ -8,14 +8,13 @@ counts as albedo (`engine.kernels.radiance.add_seen`). All as in Cycles, so that
 
 import math
 
-from engine.kernels.bsdf import add_albedo
-from engine.kernels.bsdf.closures import read3
+from engine.kernels.bsdf import add_albedo, feature_normal
 from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, FIRST_MICROFACET, LAST_MICROFACET, TRANSPARENT
 from engine.kernels.path import real_3
 from engine.kernels.vector import add, load, scale, store
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO, DENOISING_DEPTH, DENOISING_NORMAL
-from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, FEATURES_DONE, POINT_WO, RAY_SUBSURFACE
+from engine.state.lanes import CLOSURE_SAMPLE_WEIGHT, FEATURES_DONE, POINT_WO, RAY_SUBSURFACE
 
 #: Product of the alphas up to which a lobe is specular.
 _SPECULAR_ALPHA_SQUARED = 0.075 * 0.075
@@ -61,13 +60,13 @@ def write_denoising(scene, unit, work, queue):
         total = 0.0
         rough = 0.0
         normal = (0.0, 0.0, 0.0)
+        wo = real_3(points, lane, POINT_WO)
         for i in range(closures.count[lane]):
             weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
             total += weight
             if not _is_specular(closures, lane, i):
                 rough += weight
-            normal = add(normal, scale(read3(closures.param, lane, i, CLOSURE_N), weight))
-        wo = real_3(points, lane, POINT_WO)
+            normal = add(normal, scale(feature_normal(closures, lane, i, wo), weight))
         is_specular = total > 0.0 and rough * 4.0 <= total
         albedo = _albedo(closures, tables, lane, wo, is_specular, looks_up, scratch)
         seen = (through[0] * albedo[0], through[1] * albedo[1], through[2] * albedo[2])

@@ -25,6 +25,7 @@ from engine.kernels.bsdf.glossy import add_refraction as add_refraction
 from engine.kernels.bsdf.guided import eval_guided as eval_guided
 from engine.kernels.bsdf.guided import mean_roughness as mean_roughness
 from engine.kernels.bsdf.guided import rough_share as rough_share
+from engine.kernels.bsdf.hair import feature_normal as feature_normal
 from engine.kernels.bsdf.kinds import HAS_DELTA as HAS_DELTA
 from engine.kernels.bsdf.kinds import HAS_EVAL as HAS_EVAL
 from engine.kernels.bsdf.kinds import HAS_TRANSMISSION as HAS_TRANSMISSION

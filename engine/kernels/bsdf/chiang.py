@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from engine.kernels.bsdf.closures import append_closure, read3, store_color
-from engine.kernels.bsdf.fibre_color import absorption, passed_along_radius
+from engine.kernels.bsdf.fibre_color import absorption, color_fit, passed_along_radius
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.hair import HAIR_TANGENT, fibre_tangent, safe_asin
 from engine.kernels.bsdf.kinds import CHIANG, CHIANG_WIDTHS
@@ -266,4 +266,13 @@ def chiang_roughness(param, lane, i):
     return param[lane, i, _V_FIRST]
 
 
-LOBE = HairLobe(CHIANG, eval_chiang, sample_chiang, chiang_roughness, (_PASSED,))
+@kernel
+def chiang_albedo(param, lane, i, wo, c):
+    """As Cycles gives it: the colour of many such fibres by the variance along them, and what is reflected first."""
+    sin_o, h = dot(read3(param, lane, i, HAIR_TANGENT), wo), param[lane, i, _H]
+    reflected, _ = fresnel_dielectric(cos_of(sin_o) * cos_of(h), param[lane, i, _ETA])
+    sigma = -math.log(max(param[lane, i, _PASSED + c], 1e-30))
+    return math.exp(-math.sqrt(max(sigma, 0.0)) * color_fit(param[lane, i, _V])) + reflected
+
+
+LOBE = HairLobe(CHIANG, eval_chiang, sample_chiang, chiang_roughness, chiang_albedo, (_PASSED,))

@@ -34,7 +34,7 @@ from engine.kernels.bsdf.kinds import (
     THIN_GLASS,
     TRANSPARENT,
 )
-from engine.kernels.bsdf.lobes import eval_lobe, hair_roughness, sample_hair, sample_lobe
+from engine.kernels.bsdf.lobes import eval_lobe, hair_albedo, hair_roughness, sample_hair, sample_lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_microfacet
 from engine.kernels.bsdf.normals import bump_shadowing
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
@@ -353,7 +353,9 @@ def add_albedo(closures, tables, lane, i, wo, looks_up_transmission, out, row):
         reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo, looks_up_transmission)
     for c in range(len(closures.channels)):
         share = 1.0
-        if is_microfacet:
+        if FIRST_HAIR <= kind <= LAST_DIFFUSE:
+            share = hair_albedo(kind, param, lane, i, wo, c)
+        elif is_microfacet:
             share = reflected_albedo(param, lane, i, kind, reflected, c)
             if kind >= REFRACTION:
                 share += lobe_color(param, lane, i, kind, refracted, True, c)

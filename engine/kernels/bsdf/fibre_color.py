@@ -20,10 +20,15 @@ FIBRE_COLOR = 2
 
 
 @kernel
+def color_fit(x):
+    """Logarithm of the colour of many fibres over the root of what one absorbs, but for the sign; by roughness."""
+    return ((((0.245 * x + 5.574) * x - 10.73) * x + 2.532) * x - 0.215) * x + 5.969
+
+
+@kernel
 def _absorption_of(color, roughness):
     """Absorption of fibres that look of a colour where there are many; by the roughness around them."""
-    x = roughness
-    fit = ((((0.245 * x + 5.574) * x - 10.73) * x + 2.532) * x - 0.215) * x + 5.969
+    fit = color_fit(roughness)
     r = math.log(max(color[0], 1e-30)) / fit
     g = math.log(max(color[1], 1e-30)) / fit
     b = math.log(max(color[2], 1e-30)) / fit

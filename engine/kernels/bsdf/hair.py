@@ -12,17 +12,17 @@ import math
 import numpy as np
 
 from engine.kernels.bsdf.closures import append_closure, read3
-from engine.kernels.bsdf.kinds import HAIR_REFLECTION, HAIR_TRANSMISSION
+from engine.kernels.bsdf.kinds import CHIANG, HAIR_REFLECTION, HAIR_TRANSMISSION, HUANG
 from engine.kernels.bsdf.lobe import HairLobe
 from engine.kernels.bsdf.normals import valid_specular_normal
 from engine.kernels.constants import PI
 from engine.kernels.memory import read3 as read_operand
 from engine.kernels.vector import add, cross, dot, normalize, orthonormal_basis, scale, subtract
 from engine.runtime.jit import kernel
-from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_WEIGHT
 
 # Columns of Closures.param.
-HAIR_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns
+HAIR_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns, of all kinds of fibres
 _ALONG = CLOSURE_KIND_PARAMS + 4  # roughness along the fibre, and around it
 _AROUND = CLOSURE_KIND_PARAMS + 5
 _OFFSET = CLOSURE_KIND_PARAMS + 6  # tilt of the scales [rad]
@@ -158,6 +158,27 @@ def hair_roughness(param, lane, i):
 
 
 @kernel
+def feature_normal(closures, lane, i, wo):
+    """What closure `i` says of its surface to denoisers: its normal, as a rule.
+
+    Of fibres by Chiang's model it is the direction across them; by Huang's, which are seen from afar, that along
+    them (Cycles).
+    """
+    kind = closures.kind[lane, i]
+    if kind == HUANG:
+        return read3(closures.param, lane, i, HAIR_TANGENT)
+    if kind == CHIANG:
+        return normalize(cross(read3(closures.param, lane, i, HAIR_TANGENT), wo))
+    return read3(closures.param, lane, i, CLOSURE_N)
+
+
+@kernel
+def whole_albedo(param, lane, i, wo, c):
+    """That of a lobe which loses nothing."""
+    return 1.0 + 0.0 * wo[0]
+
+
+@kernel
 def sample_hair_reflection(param, channels, lane, i, wo, u0, u1, u2):
     """See `HairLobe.sample`."""
     theta_o = safe_asin(dot(read3(param, lane, i, HAIR_TANGENT), wo))
@@ -176,6 +197,6 @@ def sample_hair_transmission(param, channels, lane, i, wo, u0, u1, u2):
 
 
 LOBES = (
-    HairLobe(HAIR_REFLECTION, eval_hair_reflection, sample_hair_reflection, hair_roughness),
-    HairLobe(HAIR_TRANSMISSION, eval_hair_transmission, sample_hair_transmission, hair_roughness),
+    HairLobe(HAIR_REFLECTION, eval_hair_reflection, sample_hair_reflection, hair_roughness, whole_albedo),
+    HairLobe(HAIR_TRANSMISSION, eval_hair_transmission, sample_hair_transmission, hair_roughness, whole_albedo),
 )

@@ -2,9 +2,9 @@
 """The Principled Hair BSDF of Huang: a fibre of elliptical cross section whose surface is made of facets.
 
 What such a fibre scatters is an integral over where across it a ray arrives, and over the facets that it meets inside.
-The closure draws both once, when it is added (`huang_path`). Given them, each lobe is that of the facets where light
-leaves, so that value and density have closed forms, and light samples, BSDF samples and guides agree exactly. Their
-mean over what was drawn is the model.
+Some ways through the fibre are drawn when its closures are added, one for each (`huang_path`). Given a way, each lobe
+is that of the facets where light leaves, so that value and density have closed forms, and light samples, BSDF samples
+and guides agree exactly. The mean over what is drawn is the model.
 
 References
 ----------
@@ -17,23 +17,26 @@ import math
 import numpy as np
 
 from engine.kernels.bsdf.chiang import cos_of, longitudinal, sample_longitudinal
-from engine.kernels.bsdf.closures import append_closure, store_color
+from engine.kernels.bsdf.closures import append_closure, read3, store_color
 from engine.kernels.bsdf.fibre_color import absorption, passed_along_radius
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
-from engine.kernels.bsdf.hair import fibre_tangent
+from engine.kernels.bsdf.hair import HAIR_TANGENT, fibre_tangent
 from engine.kernels.bsdf.huang_path import (
-    chord,
+    angle_of,
+    angles,
     energy_scale,
+    facet_numbers,
+    facing,
     first_facet,
-    normal_at,
     refracted,
     sample_facet,
     second_facet,
-    second_gamma,
     shadowing,
+    side_at,
+    side_of,
     spherical,
     third_facet,
-    third_gamma,
+    tilted,
 )
 from engine.kernels.bsdf.kinds import HUANG, HUANG_ALPHA
 from engine.kernels.bsdf.lobe import HairLobe
@@ -54,10 +57,9 @@ from engine.kernels.vector import (
     to_world,
 )
 from engine.runtime.jit import kernel
-from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_N, CLOSURE_WEIGHT, MAX_CLOSURES
 
 # Columns of Closures.param.
-_TANGENT = CLOSURE_KIND_PARAMS + 1  # 3 columns
 _TURN = CLOSURE_KIND_PARAMS + 4  # from the tangent's own basis to the major axis [rad]
 _PASSED = CLOSURE_KIND_PARAMS + 5  # along a radius: exp(-absorption), a colour
 _GAMMA = CLOSURE_KIND_PARAMS + 9  # where the ray enters, see `huang_path`
@@ -76,6 +78,8 @@ _INV_TWO_PI = np.float32(0.5 / math.pi)
 _TWO_PI = np.float32(2.0 * math.pi)
 #: A refractive index so near to 1 bends nothing, and its lobes would be deltas.
 _LEAST_STEP = np.float32(1e-3)
+#: Ways through the fibre, spread evenly across it (docs/decisions/kernels-and-speed.md).
+_WAY_COUNT = 8
 #: Least share of the light at a facet by which lobes are chosen: facets differ.
 _LEAST_SHARE = np.float32(0.05)
 
@@ -141,8 +145,8 @@ def _seed_of(view):
 
 
 @kernel
-def _drawn_gamma(view, v, aspect, h, width, thickness):
-    """Where the ray enters: anywhere across the fibre, or within its pixel where the camera sees the fibre so wide.
+def _drawn_gamma(view, v, aspect, h, width, thickness, random):
+    """Where a ray enters: anywhere across the fibre, or within its pixel where the camera sees the fibre so wide.
 
     References: Yan et al. 2017, "An Efficient and Practical Near and Far Field Fur Reflectance Model".
     """
@@ -152,45 +156,47 @@ def _drawn_gamma(view, v, aspect, h, width, thickness):
         if width > half:
             low = max((h - half) / width, -1.0)
             high = min((h + half) / width, 1.0)
-    at = min(max(low + view.random * (high - low), -1.0), 1.0)
+    at = min(max(low + random * (high - low), -1.0), 1.0)
     return math.atan2(v[2], -aspect * v[0]) - math.acos(-at)
 
 
 @kernel
-def _trace(param, data, lane, i, v, gamma, seed):
+def _trace(param, data, lane, i, v, gamma, seed, number):
     """Draw the ray's way through the fibre and set the lobes' factors, which hold those of the node."""
-    alpha, tilt = param[lane, i, HUANG_ALPHA], param[lane, i, _TILT]
-    eta, b = param[lane, i, _ETA], param[lane, i, _ASPECT]
+    alpha, eta, b = param[lane, i, HUANG_ALPHA], param[lane, i, _ETA], param[lane, i, _ASPECT]
+    tilt = (math.cos(param[lane, i, _TILT]), math.sin(param[lane, i, _TILT]))
     of_tt, of_trt = param[lane, i, _TT], param[lane, i, _TRT]
     param[lane, i, _GAMMA] = gamma
     for column in (_THETA, _PHI, _THETA_BACK, _PHI_BACK, _TT, _TRT, _REST, _LEAVES):
         param[lane, i, column] = 0.0
-    scaled = energy_scale(data, dot(normal_at(gamma, b, tilt), v), alpha, eta)
+    side = side_at(gamma, b)
+    scaled = energy_scale(data, dot(tilted(side, tilt), v), alpha, eta)
     param[lane, i, _R] *= scaled
-    theta, phi, share = first_facet(alpha, tilt, eta, b, gamma, v, hash_combine(seed, np.uint32(1)))
+    inside, share = first_facet(alpha, tilt, eta, side, v, facet_numbers(seed, number, 0))
     if not share > 0.0:
         return
-    gamma_2 = second_gamma(gamma, phi, b)
-    theta_back, phi_back, reflected, shown = second_facet(
-        alpha, tilt, eta, b, gamma_2, theta, phi, hash_combine(seed, np.uint32(2))
-    )
+    theta, phi = angles(inside)
+    turn = angle_of(phi, b)
+    w = negate(inside)
+    side = side_at(2.0 * turn - gamma, b)
+    tilt = (tilt[0], -tilt[1])
+    back, reflected, shown = second_facet(alpha, tilt, eta, side, w, facet_numbers(seed, number, 1))
     if shown < 0.0:
         return
-    cos_2 = -dot(normal_at(gamma_2, b, -tilt), spherical(theta, phi))
-    share *= scaled * energy_scale(data, cos_2, alpha, 1.0 / eta)
+    share *= scaled * energy_scale(data, dot(tilted(side, tilt), w), alpha, 1.0 / eta)
     param[lane, i, _THETA] = theta
     param[lane, i, _PHI] = phi
     param[lane, i, _TT] = of_tt * share
-    gamma_3 = third_gamma(gamma, phi, phi_back, b)
-    again, stays = third_facet(
-        alpha, tilt, eta, b, gamma_3, theta_back, phi_back, hash_combine(seed, np.uint32(3))
-    )
-    cos_3 = dot(normal_at(gamma_3, b, -tilt), spherical(theta_back, phi_back))
-    if not (of_trt > 0.0 and cos_3 > 0.0 and shown > 0.0):
+    if not (of_trt > 0.0 and shown > 0.0):
         return
-    share *= reflected * shown * energy_scale(data, cos_3, alpha, 1.0 / eta)
-    param[lane, i, _THETA_BACK] = theta_back
-    param[lane, i, _PHI_BACK] = phi_back
+    theta, phi = angles(back)
+    m = tilted(side_at(gamma - 2.0 * (turn - angle_of(phi, b)) + PI, b), tilt)
+    if not dot(m, back) > 0.0:
+        return
+    again, stays = third_facet(alpha, m, eta, back, facet_numbers(seed, number, 2))
+    share *= reflected * shown * energy_scale(data, dot(m, back), alpha, 1.0 / eta)
+    param[lane, i, _THETA_BACK] = theta
+    param[lane, i, _PHI_BACK] = phi
     param[lane, i, _TRT] = of_trt * share
     param[lane, i, _REST] = share * again * stays
     param[lane, i, _LEAVES] = max(0.5 * (1.0 - reflected + 1.0 - again), 1e-5)
@@ -215,32 +221,40 @@ def run_huang(closures, tables, lane, view, weight, memory, code, pc):
     random = 2.0 * (memory[code[pc + 12]] - 0.5)
     alpha = memory[code[pc + 8]] * (1.0 + random * memory[code[pc + 9]])
     sigma = absorption(code[pc + 20], memory, code, pc, random, alpha)
-    i = append_closure(closures, lane, HUANG, (weight, weight, weight), view.ns)
-    if i < 0:
-        return
-    param = closures.param
     first, second = orthonormal_basis(tangent)
+    turn = math.atan2(dot(second, x), dot(first, x))
+    passed = passed_along_radius(sigma)
     eta = max(memory[code[pc + 11]], 0.01)
     if abs(eta - 1.0) < _LEAST_STEP:
         eta = 1.0 + _LEAST_STEP
-    for k in range(3):
-        param[lane, i, _TANGENT + k] = tangent[k]
-    param[lane, i, _TURN] = math.atan2(dot(second, x), dot(first, x))
-    store_color(param, lane, i, _PASSED, passed_along_radius(sigma))
-    param[lane, i, HUANG_ALPHA] = min(max(alpha, 0.001), 1.0)
-    param[lane, i, _ASPECT] = aspect
-    param[lane, i, _TILT] = -memory[code[pc + 10]]
-    param[lane, i, _ETA] = eta
-    param[lane, i, _R] = max(of_r, 0.0)
-    param[lane, i, _TT] = max(of_tt, 0.0)
-    param[lane, i, _TRT] = max(of_trt, 0.0)
-    gamma = _drawn_gamma(view, v, aspect, h, width, memory[code[pc + 17]])
-    _trace(param, tables.data, lane, i, v, gamma, _seed_of(view))
+    seed = _seed_of(view)
+    # Lobes of other nodes need a place too.
+    count = max(min(_WAY_COUNT, (MAX_CLOSURES - closures.count[lane]) // 2), 1)
+    weight /= np.float32(count)
+    for k in range(count):
+        i = append_closure(closures, lane, HUANG, (weight, weight, weight), view.ns)
+        if i < 0:
+            return
+        param = closures.param
+        for c in range(3):
+            param[lane, i, HAIR_TANGENT + c] = tangent[c]
+        param[lane, i, _TURN] = turn
+        store_color(param, lane, i, _PASSED, passed)
+        param[lane, i, HUANG_ALPHA] = min(max(alpha, 0.001), 1.0)
+        param[lane, i, _ASPECT] = aspect
+        param[lane, i, _TILT] = -memory[code[pc + 10]]
+        param[lane, i, _ETA] = eta
+        param[lane, i, _R] = max(of_r, 0.0)
+        param[lane, i, _TT] = max(of_tt, 0.0)
+        param[lane, i, _TRT] = max(of_trt, 0.0)
+        across = view.random + np.float32(k) / np.float32(count)
+        gamma = _drawn_gamma(view, v, aspect, h, width, memory[code[pc + 17]], across - math.floor(across))
+        _trace(param, tables.data, lane, i, v, gamma, seed, k)
 
 
 @kernel
 def _axes(param, lane, i):
-    tangent = (param[lane, i, _TANGENT], param[lane, i, _TANGENT + 1], param[lane, i, _TANGENT + 2])
+    tangent = (param[lane, i, HAIR_TANGENT], param[lane, i, HAIR_TANGENT + 1], param[lane, i, HAIR_TANGENT + 2])
     first, second = orthonormal_basis(tangent)
     turn = param[lane, i, _TURN]
     x = add(scale(first, math.cos(turn)), scale(second, math.sin(turn)))
@@ -248,61 +262,61 @@ def _axes(param, lane, i):
 
 
 @kernel
-def _inside(param, lane, i, order):
-    """Where light leaves by TT (1) or TRT (2): the way that it came, backwards, and the ellipse's parameter."""
-    gamma, b = param[lane, i, _GAMMA], param[lane, i, _ASPECT]
-    phi = param[lane, i, _PHI]
-    if order == 1:
-        return negate(spherical(param[lane, i, _THETA], phi)), second_gamma(gamma, phi, b)
-    phi_back = param[lane, i, _PHI_BACK]
-    return spherical(param[lane, i, _THETA_BACK], phi_back), third_gamma(gamma, phi, phi_back, b)
-
-
-@kernel
-def _ways(param, lane, i):
-    """How far light goes inside before it leaves by TT, and from there to where it leaves by TRT [radii]."""
+def _sides(param, lane, i):
+    """Where light enters and leaves by TT and TRT: normals there (x, z), and the ways from each to the next [radii]."""
     gamma, b, phi = param[lane, i, _GAMMA], param[lane, i, _ASPECT], param[lane, i, _PHI]
-    gamma_2 = second_gamma(gamma, phi, b)
-    gamma_3 = third_gamma(gamma, phi, param[lane, i, _PHI_BACK], b)
-    slant = 1.0 / max(math.cos(param[lane, i, _THETA]), 1e-6)
-    slant_back = 1.0 / max(math.cos(param[lane, i, _THETA_BACK]), 1e-6)
-    return chord(slant, b, gamma, gamma_2 + PI), chord(slant_back, b, gamma_2, gamma_3)
+    turn, turn_back = angle_of(phi, b), angle_of(param[lane, i, _PHI_BACK], b)
+    gamma_2 = 2.0 * turn - gamma
+    gamma_3 = gamma - 2.0 * (turn - turn_back) + PI
+    s_1, c_1 = math.sin(gamma), math.cos(gamma)
+    s_2, c_2 = math.sin(gamma_2), math.cos(gamma_2)
+    s_3, c_3 = math.sin(gamma_3), math.cos(gamma_3)
+    # The inward normal's parameter is that of the point on the other side.
+    way = _distance(s_1 + s_2, b * (c_1 + c_2)) / max(math.cos(param[lane, i, _THETA]), 1e-6)
+    way_back = _distance(s_2 - s_3, b * (c_2 - c_3)) / max(math.cos(param[lane, i, _THETA_BACK]), 1e-6)
+    return side_of(s_1, c_1, b), side_of(s_2, c_2, b), side_of(s_3, c_3, b), way, way_back
 
 
 @kernel
-def _absorbed(param, lane, i, way, way_back, order, c):
-    """What of a channel is left where light leaves: of R, TT, TRT, all others."""
+def _distance(x, z):
+    return math.sqrt(x * x + z * z)
+
+
+@kernel
+def _left(param, lane, i, way, way_back, c):
+    """What of a channel is not absorbed until light leaves: by TT, by TRT, later."""
     passed = param[lane, i, _PASSED + c]
-    if order == 0:
-        return 1.0
-    if order == 1:
-        return passed**way
-    both = passed ** (way + way_back)
-    if order == 2:
-        return both
-    mean, leaves = math.sqrt(both), param[lane, i, _LEAVES]
-    return both * mean * leaves / max(1.0 - mean * (1.0 - leaves), 1e-6)
+    tt = passed**way
+    trt = tt * passed**way_back
+    mean, leaves = math.sqrt(trt), param[lane, i, _LEAVES]
+    return tt, trt, trt * mean * leaves / max(1.0 - mean * (1.0 - leaves), 1e-6)
 
 
 @kernel
-def _share(param, channels, lane, i, v, way, way_back, order):
-    """How likely a lobe is chosen, but for the sum of all: about what it scatters."""
-    factor = param[lane, i, _R + order]
-    if not factor > 0.0:
-        return 0.0
-    gamma, b, eta, tilt = param[lane, i, _GAMMA], param[lane, i, _ASPECT], param[lane, i, _ETA], param[lane, i, _TILT]
-    if order == 0:
-        reflected, _ = fresnel_dielectric(dot(normal_at(gamma, b, tilt), v), eta)
-        return factor * max(reflected, _LEAST_SHARE)
-    if order < 3:
-        w, gamma = _inside(param, lane, i, order)
-        reflected, _ = fresnel_dielectric(dot(normal_at(gamma, b, -tilt), w), 1.0 / eta)
-        factor *= max(1.0 - reflected, _LEAST_SHARE)
-    total = 0.0
-    for c in range(len(channels)):
-        total += _absorbed(param, lane, i, way, way_back, order, c)
-    # Where a colour absorbs all there may still be light for it at other facets.
-    return factor * total / np.float32(len(channels))
+def _shares(param, lane, i, v, w_2, w_3, sides, tilt, left):
+    """How likely each lobe is chosen, but for the sum of all: about what it scatters.
+
+    `w_2` and `w_3` are the ways inside, backwards, `left` what is not absorbed, in the mean.
+    """
+    eta = param[lane, i, _ETA]
+    m, m_2, m_3, _, _ = sides
+    back = (tilt[0], -tilt[1])
+    first, _ = fresnel_dielectric(dot(tilted(m, tilt), v), eta)
+    second, _ = fresnel_dielectric(dot(tilted(m_2, back), w_2), 1.0 / eta)
+    third, _ = fresnel_dielectric(dot(tilted(m_3, back), w_3), 1.0 / eta)
+    return (
+        param[lane, i, _R] * max(first, _LEAST_SHARE),
+        param[lane, i, _TT] * left[0] * max(1.0 - second, _LEAST_SHARE),
+        param[lane, i, _TRT] * left[1] * max(1.0 - third, _LEAST_SHARE),
+        param[lane, i, _REST] * left[2],
+    )
+
+
+@kernel
+def _backwards(param, lane, i):
+    """The ways inside to where light leaves by TT and TRT, backwards."""
+    second = negate(spherical(param[lane, i, _THETA], param[lane, i, _PHI]))
+    return second, spherical(param[lane, i, _THETA_BACK], param[lane, i, _PHI_BACK])
 
 
 @kernel
@@ -320,26 +334,24 @@ def _facets(alpha, m, w, h, other):
 
 
 @kernel
-def _eval_reflected(param, lane, i, v, wi):
+def _eval_reflected(param, lane, i, side, tilt, v, wi):
     """Density and value of R."""
-    gamma, b = param[lane, i, _GAMMA], param[lane, i, _ASPECT]
     h = normalize(add(v, wi))
     cos_h = dot(v, h)
-    if cos_h <= 0.0 or dot(normal_at(gamma, b, 0.0), v) <= 0.0:
+    if cos_h <= 0.0 or facing(side, v) <= 0.0:
         return 0.0, 0.0
-    density, shown = _facets(param[lane, i, HUANG_ALPHA], normal_at(gamma, b, param[lane, i, _TILT]), v, h, wi)
+    density, shown = _facets(param[lane, i, HUANG_ALPHA], tilted(side, tilt), v, h, wi)
     density *= 0.25 / cos_h
-    if dot(normal_at(gamma, b, 0.0), wi) <= 0.0:
+    if facing(side, wi) <= 0.0:
         return density, 0.0
     reflected, _ = fresnel_dielectric(cos_h, param[lane, i, _ETA])
     return density, density * shown * reflected
 
 
 @kernel
-def _eval_leaving(param, lane, i, order, wi):
+def _eval_leaving(param, lane, i, side, tilt, w, wi):
     """Density and value of TT or TRT, but for what is absorbed and for the lobe's factor."""
-    w, gamma = _inside(param, lane, i, order)
-    b, eta = param[lane, i, _ASPECT], param[lane, i, _ETA]
+    eta = param[lane, i, _ETA]
     inverse = 1.0 / eta
     # Walter et al. 2007, equation 16, over the index inside.
     h = add(w, scale(wi, inverse))
@@ -351,24 +363,13 @@ def _eval_leaving(param, lane, i, order, wi):
     if cos_h <= 0.0 or cos_out <= 0.0:
         return 0.0, 0.0
     out = negate(wi)
-    m = normal_at(gamma, b, -param[lane, i, _TILT])
+    m = tilted(side, (tilt[0], -tilt[1]))
     density, shown = _facets(param[lane, i, HUANG_ALPHA], m, w, h, out)
     density *= inverse * inverse * cos_out * over_length * over_length
-    if dot(m, out) <= 0.0 or dot(normal_at(gamma, b, 0.0), out) <= 0.0:
+    if dot(m, out) <= 0.0 or facing(side, out) <= 0.0:
         return density, 0.0
     reflected, _ = fresnel_dielectric(cos_h, inverse)
     return density, density * shown * (1.0 - reflected)
-
-
-@kernel
-def _eval_order(param, lane, i, order, v, wi):
-    """Density and value of a lobe, but for what is absorbed and for its factor."""
-    if order == 0:
-        return _eval_reflected(param, lane, i, v, wi)
-    if order < 3:
-        return _eval_leaving(param, lane, i, order, wi)
-    spread = longitudinal(wi[1], cos_of(wi[1]), v[1], cos_of(v[1]), 4.0 * param[lane, i, HUANG_ALPHA]) * _INV_TWO_PI
-    return spread, spread
 
 
 @kernel
@@ -376,21 +377,37 @@ def eval_huang(param, channels, lane, i, n, wo, wi, factor, out, row):
     """See `Lobe.evaluate`."""
     x, y, z = _axes(param, lane, i)
     v, local = to_local(wo, x, y, z), to_local(wi, x, y, z)
-    way, way_back = _ways(param, lane, i)
-    whole, pdf = 0.0, 0.0
-    for order in range(4):
-        share = _share(param, channels, lane, i, v, way, way_back, order)
-        whole += share
-        if not share > 0.0:
-            continue
-        density, value = _eval_order(param, lane, i, order, v, local)
-        pdf += share * density
-        if value > 0.0:
-            value *= param[lane, i, _R + order] * factor
-            for c in range(len(channels)):
-                left = _absorbed(param, lane, i, way, way_back, order, c)
-                out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * value * left
-    return pdf / whole if whole > 0.0 else 0.0
+    sides = _sides(param, lane, i)
+    tilt = (math.cos(param[lane, i, _TILT]), math.sin(param[lane, i, _TILT]))
+    m, m_2, m_3, way, way_back = sides
+    w_2, w_3 = _backwards(param, lane, i)
+    density, value = _eval_reflected(param, lane, i, m, tilt, v, local)
+    density_2, value_2, density_3, value_3, spread = 0.0, 0.0, 0.0, 0.0, 0.0
+    if param[lane, i, _TT] > 0.0:
+        density_2, value_2 = _eval_leaving(param, lane, i, m_2, tilt, w_2, local)
+    if param[lane, i, _TRT] > 0.0:
+        density_3, value_3 = _eval_leaving(param, lane, i, m_3, tilt, w_3, local)
+    if param[lane, i, _REST] > 0.0:
+        spread = _INV_TWO_PI * longitudinal(
+            local[1], cos_of(local[1]), v[1], cos_of(v[1]), 4.0 * param[lane, i, HUANG_ALPHA]
+        )
+    value *= param[lane, i, _R]
+    value_2 *= param[lane, i, _TT]
+    value_3 *= param[lane, i, _TRT]
+    left_2, left_3, left_rest = 0.0, 0.0, 0.0
+    for c in range(len(channels)):
+        tt, trt, rest = _left(param, lane, i, way, way_back, c)
+        left_2 += tt
+        left_3 += trt
+        left_rest += rest
+        scattered = value + tt * value_2 + trt * value_3 + rest * spread * param[lane, i, _REST]
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * factor * scattered
+    over = 1.0 / np.float32(len(channels))
+    shares = _shares(param, lane, i, v, w_2, w_3, sides, tilt, (left_2 * over, left_3 * over, left_rest * over))
+    whole = shares[0] + shares[1] + shares[2] + shares[3]
+    if not whole > 0.0:
+        return 0.0
+    return (shares[0] * density + shares[1] * density_2 + shares[2] * density_3 + shares[3] * spread) / whole
 
 
 @kernel
@@ -398,37 +415,43 @@ def sample_huang(param, channels, lane, i, wo, u0, u1, u2):
     """See `HairLobe.sample`."""
     x, y, z = _axes(param, lane, i)
     v = to_local(wo, x, y, z)
-    way, way_back = _ways(param, lane, i)
-    whole = 0.0
-    for order in range(4):
-        whole += _share(param, channels, lane, i, v, way, way_back, order)
-    left = u0 * whole
+    sides = _sides(param, lane, i)
+    tilt = (math.cos(param[lane, i, _TILT]), math.sin(param[lane, i, _TILT]))
+    m, m_2, m_3, way, way_back = sides
+    w_2, w_3 = _backwards(param, lane, i)
+    left_2, left_3, left_rest = 0.0, 0.0, 0.0
+    for c in range(len(channels)):
+        tt, trt, rest = _left(param, lane, i, way, way_back, c)
+        left_2 += tt
+        left_3 += trt
+        left_rest += rest
+    over = 1.0 / np.float32(len(channels))
+    shares = _shares(param, lane, i, v, w_2, w_3, sides, tilt, (left_2 * over, left_3 * over, left_rest * over))
+    left = u0 * (shares[0] + shares[1] + shares[2] + shares[3])
     order = 0
-    share = _share(param, channels, lane, i, v, way, way_back, 0)
-    while order < 3 and left >= share:
-        left -= share
+    while order < 3 and left >= shares[order]:
+        left -= shares[order]
         order += 1
-        share = _share(param, channels, lane, i, v, way, way_back, order)
     nothing = (0.0 * u0, 0.0 * u0, 0.0 * u0)
+    share = shares[order]
     if not share > 0.0:
         return nothing
-    alpha, tilt, eta = param[lane, i, HUANG_ALPHA], param[lane, i, _TILT], param[lane, i, _ETA]
+    alpha, eta = param[lane, i, HUANG_ALPHA], param[lane, i, _ETA]
     if order == 3:
         sine = sample_longitudinal(v[1], cos_of(v[1]), 4.0 * alpha, left / share, u2)
         cosine, phi = cos_of(sine), _TWO_PI * u1
         return to_world((math.sin(phi) * cosine, sine, math.cos(phi) * cosine), x, y, z)
-    b = param[lane, i, _ASPECT]
     if order == 0:
-        m = normal_at(param[lane, i, _GAMMA], b, tilt)
-        if dot(m, v) <= 0.0:
+        normal = tilted(m, tilt)
+        if dot(normal, v) <= 0.0:
             return nothing
-        h = sample_facet(alpha, m, v, u1, u2)
+        h = sample_facet(alpha, normal, v, u1, u2)
         return normalize(to_world(subtract(scale(h, 2.0 * dot(h, v)), v), x, y, z))
-    w, gamma = _inside(param, lane, i, order)
-    m = normal_at(gamma, b, -tilt)
-    if dot(m, w) <= 0.0:
+    w = w_2 if order == 1 else w_3
+    normal = tilted(m_2 if order == 1 else m_3, (tilt[0], -tilt[1]))
+    if dot(normal, w) <= 0.0:
         return nothing
-    h = sample_facet(alpha, m, w, u1, u2)
+    h = sample_facet(alpha, normal, w, u1, u2)
     reflected, cos_t = fresnel_dielectric(dot(w, h), 1.0 / eta)
     if reflected >= 1.0:
         return nothing
@@ -441,4 +464,19 @@ def huang_roughness(param, lane, i):
     return param[lane, i, HUANG_ALPHA]
 
 
-LOBE = HairLobe(HUANG, eval_huang, sample_huang, huang_roughness, (_PASSED,))
+@kernel
+def huang_albedo(param, lane, i, wo, c):
+    """As Cycles gives it: all reflections inside a round, smooth fibre, where the ray meets the strand."""
+    x, tangent, z = _axes(param, lane, i)
+    v = to_local(wo, x, tangent, z)
+    h = -dot(normalize(cross(tangent, wo)), read3(param, lane, i, CLOSURE_N))
+    h = min(max(h, -1.0), 1.0)
+    m = (h, 0.0 * h, cos_of(h))
+    eta = param[lane, i, _ETA]
+    reflected, cos_t = fresnel_dielectric(dot(m, v), eta)
+    sine = v[1] / eta
+    passed = param[lane, i, _PASSED + c] ** (-2.0 * cos_t / max(1.0 - sine * sine, 1e-6))
+    return (passed - 2.0 * reflected * passed + reflected) / max(1.0 - reflected * passed, 1e-6)
+
+
+LOBE = HairLobe(HUANG, eval_huang, sample_huang, huang_roughness, huang_albedo, (_PASSED,))

@@ -16,7 +16,7 @@ import numpy as np
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.lookup import GLASS_ALBEDO, read_volume
 from engine.kernels.bsdf.microfacet import sample_ggx_normal
-from engine.kernels.constants import PI
+from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.rng import hash_combine, unit_float
 from engine.kernels.vector import dot, negate, normalize, orthonormal_basis, scale, subtract, to_local, to_world
 from engine.runtime.jit import kernel
@@ -25,6 +25,8 @@ from engine.runtime.jit import kernel
 @kernel
 def angle_of(phi, b):
     """The ellipse's parameter that is stored for a direction of angle `phi`."""
+    if b == 1.0:
+        return phi
     return math.atan2(b * math.sin(phi), math.cos(phi))
 
 
@@ -36,19 +38,34 @@ def spherical(theta, phi):
 
 
 @kernel
-def normal_at(gamma, b, tilt):
-    """Normal of the ellipse, tilted along the fibre as its scales are."""
-    x, _, z = normalize((b * math.sin(gamma), 0.0 * b, math.cos(gamma)))
-    cosine = math.cos(tilt)
-    return x * cosine, math.sin(tilt), z * cosine
+def angles(w):
+    """Angle of a direction to the normal plane, and about the fibre."""
+    return math.atan2(w[1], math.sqrt(w[0] * w[0] + w[2] * w[2])), math.atan2(w[0], w[2])
 
 
 @kernel
-def chord(a, b, gamma, to):
-    """Distance between two points of the ellipse, times a; a is 1 over the cosine of the way to the normal plane."""
-    x = math.sin(gamma) - math.sin(to)
-    z = b * (math.cos(gamma) - math.cos(to))
-    return a * math.sqrt(x * x + z * z)
+def side_of(sine, cosine, b):
+    """Normal (x, z) of the ellipse where its parameter has this sine and cosine."""
+    over = 1.0 / math.sqrt(b * b * sine * sine + cosine * cosine)
+    return b * sine * over, cosine * over
+
+
+@kernel
+def side_at(gamma, b):
+    """Normal (x, z) of the ellipse."""
+    return side_of(math.sin(gamma), math.cos(gamma), b)
+
+
+@kernel
+def tilted(side, tilt):
+    """The normal, tilted along the fibre as its scales are, by an angle of this cosine and sine."""
+    return side[0] * tilt[0], tilt[1], side[1] * tilt[0]
+
+
+@kernel
+def facing(side, w):
+    """Cosine between a normal (x, z) and a direction."""
+    return side[0] * w[0] + side[1] * w[2]
 
 
 @kernel
@@ -93,92 +110,81 @@ def energy_scale(data, cosine, alpha, eta):
 
 
 @kernel
-def _numbers(seed):
-    """Two numbers in [0, 1)."""
-    return unit_float(hash_combine(seed, np.uint32(1))), unit_float(hash_combine(seed, np.uint32(2)))
+def facet_numbers(seed, number, order):
+    """Two numbers in [0, 1) for the facet that way `number` of some meets as its first (0), second or third.
+
+    Those of the first two facets are spread evenly over the ways. References: Roberts 2018, "The Unreasonable
+    Effectiveness of Quasirandom Sequences", in four dimensions.
+    """
+    u0 = unit_float(hash_combine(seed, np.uint32(2 * order + 1)))
+    u1 = unit_float(hash_combine(seed, np.uint32(2 * order + 2)))
+    if order == 0:
+        u0 += np.float32(number) * np.float32(0.8566749)
+        u1 += np.float32(number) * np.float32(0.7338919)
+    else:
+        u0 += np.float32(number) * np.float32(0.6287067)
+        u1 += np.float32(number) * np.float32(0.5385973)
+    return min(u0 - math.floor(u0), ONE_MINUS_EPSILON), min(u1 - math.floor(u1), ONE_MINUS_EPSILON)
 
 
 @kernel
-def first_facet(alpha, tilt, eta, b, gamma, v, seed):
-    """Where a ray enters that was seen from `v` at `gamma`.
+def first_facet(alpha, tilt, eta, side, v, u):
+    """Where a ray enters that was seen from `v`, by the facet of two numbers `u` in [0, 1).
 
     Returns
     -------
-    theta, phi : float32
-        Of the way inside.
+    inside : tuple of 3 float32
+        The way inside.
     transmitted : float32
         Share of the light that takes it; 0 if none does.
     """
-    m = normal_at(gamma, b, tilt)
-    m_round = normal_at(gamma, b, 0.0)
+    m = tilted(side, tilt)
     cos_o = dot(m, v)
-    if cos_o <= 0.0 or dot(m_round, v) <= 0.0:
-        return 0.0, 0.0, 0.0
-    u0, u1 = _numbers(seed)
-    h = sample_facet(alpha, m, v, u0, u1)
+    if cos_o <= 0.0 or facing(side, v) <= 0.0:
+        return v, 0.0
+    h = sample_facet(alpha, m, v, u[0], u[1])
     reflected, cos_t = fresnel_dielectric(dot(v, h), eta)
     if reflected >= 1.0:
-        return 0.0, 0.0, 0.0
+        return v, 0.0
     inside = refracted(v, h, cos_t, eta)
     cos_i = -dot(m, inside)
-    if cos_i <= 0.0 or dot(m_round, inside) >= 0.0:
-        return 0.0, 0.0, 0.0
-    theta = math.atan2(inside[1], math.sqrt(inside[0] * inside[0] + inside[2] * inside[2]))
-    return theta, math.atan2(inside[0], inside[2]), (1.0 - reflected) * shadowing(alpha * alpha, cos_o, cos_i)
+    if cos_i <= 0.0 or facing(side, inside) >= 0.0:
+        return v, 0.0
+    return inside, (1.0 - reflected) * shadowing(alpha * alpha, cos_o, cos_i)
 
 
 @kernel
-def second_facet(alpha, tilt, eta, b, gamma, theta, phi, seed):
-    """Where that ray is reflected on the far side, at `gamma`.
+def second_facet(alpha, tilt, eta, side, w, u):
+    """Where that ray, which came from `w`, is reflected on the far side.
 
     Returns
     -------
-    theta, phi : float32
-        Of the way after it, backwards.
+    back : tuple of 3 float32
+        The way after it, backwards.
     reflected : float32
         The facet's reflectance.
     shown : float32
         What facets do not hide of it; 0 if it does not stay inside, -1 if the ray does not meet this side at all.
     """
-    w = negate(spherical(theta, phi))
-    m = normal_at(gamma, b, -tilt)
-    m_round = normal_at(gamma, b, 0.0)
+    m = tilted(side, tilt)
     cos_o = dot(m, w)
-    if cos_o <= 0.0 or dot(m_round, w) <= 0.0:
-        return 0.0, 0.0, 0.0, -1.0
-    u0, u1 = _numbers(seed)
-    h = sample_facet(alpha, m, w, u0, u1)
+    if cos_o <= 0.0 or facing(side, w) <= 0.0:
+        return w, 0.0, -1.0
+    h = sample_facet(alpha, m, w, u[0], u[1])
     reflected, _ = fresnel_dielectric(dot(w, h), 1.0 / eta)
     out = _mirrored(w, h)
     shown = 0.0
-    if dot(m, out) > 0.0 and dot(m_round, out) > 0.0:
+    if dot(m, out) > 0.0 and facing(side, out) > 0.0:
         shown = shadowing(alpha * alpha, cos_o, dot(m, out))
-    back = negate(out)
-    theta = math.atan2(back[1], math.sqrt(back[0] * back[0] + back[2] * back[2]))
-    return theta, math.atan2(back[0], back[2]), reflected, shown
+    return negate(out), reflected, shown
 
 
 @kernel
-def third_facet(alpha, tilt, eta, b, gamma, theta, phi, seed):
+def third_facet(alpha, m, eta, w, u):
     """Reflectance where it meets the fibre's surface for the third time, and what facets do not hide: 0 if nothing."""
-    w = spherical(theta, phi)
-    m = normal_at(gamma, b, -tilt)
     cos_o = dot(m, w)
     if cos_o <= 0.0:
         return 0.0, 0.0
-    u0, u1 = _numbers(seed)
-    h = sample_facet(alpha, m, w, u0, u1)
+    h = sample_facet(alpha, m, w, u[0], u[1])
     reflected, _ = fresnel_dielectric(dot(w, h), 1.0 / eta)
     return reflected, shadowing(alpha * alpha, cos_o, dot(m, _mirrored(w, h)))
-
-
-@kernel
-def second_gamma(gamma, phi, b):
-    """The ellipse's parameter of the inward normal where a ray that entered at `gamma` meets it again."""
-    return 2.0 * angle_of(phi, b) - gamma
-
-
-@kernel
-def third_gamma(gamma, phi, phi_back, b):
-    """And for the third time."""
-    return gamma - 2.0 * (angle_of(phi, b) - angle_of(phi_back, b)) + PI

@@ -47,12 +47,16 @@ class HairLobe:
         it has none.
     roughness : kernel
         (param, lane, i) -> roughness.
+    albedo : kernel
+        (param, lane, i, wo, c) -> what it scatters of a channel, about, as Cycles estimates it for colours of passes;
+        without the weight.
     """
 
     kind: int
     evaluate: Any
     sample: Any
     roughness: Any
+    albedo: Any
     colors: tuple[int, ...] = ()
 
 

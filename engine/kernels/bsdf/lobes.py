@@ -74,6 +74,7 @@ INSTRUCTIONS = {
 eval_lobe = by_number({lobe.kind: lobe.evaluate for lobe in LOBES}, "eval_lobe", __name__)
 sample_lobe = by_number({lobe.kind: lobe.sample for lobe in _DIFFUSE_LOBES}, "sample_lobe", __name__)
 sample_hair = by_number({lobe.kind: lobe.sample for lobe in HAIR_LOBES}, "sample_hair", __name__)
+hair_albedo = by_number({lobe.kind: lobe.albedo for lobe in HAIR_LOBES}, "hair_albedo", __name__)
 hair_roughness = by_number({lobe.kind: lobe.roughness for lobe in HAIR_LOBES}, "hair_roughness", __name__)
 run_instruction = by_number(dict(enumerate(INSTRUCTIONS.values())), "run_instruction", __name__)
 

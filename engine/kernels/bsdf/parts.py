@@ -20,6 +20,7 @@ from engine.kernels.bsdf.kinds import (
     THIN_GLASS,
     TRANSPARENT,
 )
+from engine.kernels.bsdf.lobes import hair_albedo
 from engine.kernels.bsdf.microfacet import lobe_color
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
@@ -108,6 +109,9 @@ def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
             if FIRST_HAIR <= kind <= LAST_DIFFUSE:
                 is_transmissive = kind == HAIR_TRANSMISSION or kind == THIN_GLASS
                 row = TRANSMISSIVE_LOBES if is_transmissive else GLOSSY_LOBES
+                for c in range(len(closures.channels)):
+                    out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * hair_albedo(kind, param, lane, i, wo, c)
+                continue
             for c in range(len(closures.channels)):
                 out[row, c] += param[lane, i, CLOSURE_WEIGHT + c]
             continue

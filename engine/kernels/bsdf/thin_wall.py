@@ -18,6 +18,7 @@ from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
 from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import f0_of_eta, fresnel_dielectric
 from engine.kernels.bsdf.glossy import Facets, Interface, append_microfacet
+from engine.kernels.bsdf.hair import whole_albedo
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
@@ -178,4 +179,4 @@ def thin_glass_roughness(param, lane, i):
 
 
 TRANSLUCENT_LOBE = Lobe(THIN_TRANSLUCENT, eval_thin_translucent, sample_thin_translucent, colors=(OREN_MULTIPLE,))
-GLASS_LOBE = HairLobe(THIN_GLASS, eval_thin_glass, sample_thin_glass, thin_glass_roughness)
+GLASS_LOBE = HairLobe(THIN_GLASS, eval_thin_glass, sample_thin_glass, thin_glass_roughness, whole_albedo)

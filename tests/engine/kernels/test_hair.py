@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from engine.kernels.bsdf import chiang, fibre_color, hair
+from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.lobe import View
 from engine.runtime.jit import kernel
 from engine.state.lanes import allocate_closures
 from tests.helpers.chi2 import histogram, p_value, sidak
+from tests.helpers.closure_operands import pack_operands
 from tests.helpers.fibre_cells import cell_integrals
 
 WO = (np.float32(0.6), np.float32(0.64), np.float32(0.48))
@@ -62,14 +64,7 @@ def _sample(param, channels, kind, wo, u, directions):
 def _closure(is_chiang, operands, immediate, tangent=TANGENT):
     closures = allocate_closures(1)
     closures.ns[0] = NS
-    memory, code = np.zeros(64, np.float32), np.zeros(32, np.int32)
-    at = 1
-    for k, operand in enumerate(operands):
-        values = np.atleast_1d(operand)
-        memory[at : at + len(values)] = values
-        code[3 + k] = at
-        at += len(values)
-    code[3 + len(operands)] = immediate
+    memory, code = pack_operands(operands, immediate)
     _add(closures, is_chiang, memory, code, WO, NS, tangent)
     assert closures.count[0] == 1
     return closures
@@ -139,3 +134,22 @@ def test_on_triangles_the_tangent_is_an_edge(given: tuple[float, ...]) -> None:
     is_given = any(given)
     assert param[column : column + 3].tolist() == ([0.0, 1.0, 0.0] if is_given else [0.0, 0.0, 1.0])
     assert np.isclose(param[column + 5], -0.1 if is_given else 0.0)
+
+
+def test_the_albedo_of_chiangs_model_is_the_colour_that_its_absorption_comes_from():
+    """Where roughness and variance are the same number, and besides what is reflected first."""
+    absorbed = (0.0, 0.3, 1e4)
+    closures = _chiang(absorbed, 0.4, 0.4)
+    reflected, _ = fresnel_dielectric(float(np.dot(WO, NS)), 1.55)
+    # Chiang et al. 2016, equations 7 and 9.
+    variance = (0.726 * 0.4 + 0.812 * 0.4**2 + 3.7 * 0.4**20) ** 2
+    fit = np.polyval((0.245, 5.574, -10.73, 2.532, -0.215, 5.969), variance)
+    for c, sigma in enumerate(absorbed):
+        found = chiang.chiang_albedo(closures.param, 0, 0, WO, c)
+        assert np.isclose(found, np.exp(-np.sqrt(sigma) * fit) + reflected, rtol=1e-3)
+
+
+def test_denoisers_are_told_the_direction_across_chiangs_fibres():
+    closures = _chiang((0.1, 0.2, 0.3), 0.4, 0.4)
+    across = np.cross(TANGENT, WO)
+    assert np.allclose(hair.feature_normal(closures, 0, 0, WO), across / np.linalg.norm(across), atol=1e-6)

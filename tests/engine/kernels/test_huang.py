@@ -9,19 +9,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.kernels.bsdf import fibre_color, huang
+from engine.kernels.bsdf import fibre_color, hair, huang
+from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.kinds import HUANG, TRANSPARENT
 from engine.kernels.bsdf.lobe import View
 from engine.kernels.bsdf.tables import load_tables
 from engine.runtime.jit import kernel
-from engine.state.lanes import CLOSURE_KIND_PARAMS, LANE_COUNT, allocate_closures
+from engine.state.lanes import CLOSURE_KIND_PARAMS, CLOSURE_WEIGHT, LANE_COUNT, MAX_CLOSURES, allocate_closures
 from tests.helpers.chi2 import histogram, p_value, sidak
+from tests.helpers.closure_operands import pack_operands
 from tests.helpers.fibre_cells import cell_integrals
 
 #: Along the axis of the cells.
 TANGENT = (0.0, 0.0, 2.0)
 SAMPLES = 40_000
 ROWS, COLUMNS = 12, 24
+#: Closures of a node that is alone, one for each way through the fibre.
+WAYS = 8
 _CLEAR = (0.0, 0.0, 0.0)
 
 
@@ -34,18 +38,22 @@ def _add(closures, tables, lanes, memory, code, wo, ns, tangent, randoms, footpr
 
 
 @kernel
-def _evaluate(param, channels, lane, wo, directions, pdfs, values):
+def _evaluate(param, channels, lane, count, wo, directions, pdfs, values):
     for k in range(directions.shape[0]):
         wi = (directions[k, 0], directions[k, 1], directions[k, 2])
+        pdfs[k] = 0.0
         for c in range(3):
             values[k, c] = 0.0
-        pdfs[k] = huang.eval_huang(param, channels, lane, 0, wo, wo, wi, 1.0, values, k)
+        for i in range(count):
+            pdfs[k] += huang.eval_huang(param, channels, lane, i, wo, wo, wi, 1.0, values, k) / count
 
 
 @kernel
-def _sample(param, channels, lane, wo, u, directions):
+def _sample(param, channels, lane, count, wo, u, directions):
     for k in range(u.shape[0]):
-        wi = huang.sample_huang(param, channels, lane, 0, wo, u[k, 0], u[k, 1], u[k, 2])
+        scaled = u[k, 0] * np.float32(count)
+        i = min(int(scaled), count - 1)
+        wi = huang.sample_huang(param, channels, lane, i, wo, scaled - np.float32(i), u[k, 1], u[k, 2])
         for c in range(3):
             directions[k, c] = wi[c]
 
@@ -62,13 +70,17 @@ _DEFAULTS = {
 
 
 def _closures(
-    wo: Any, sigma: Any = _CLEAR, *, across: Any = None, count: int = LANE_COUNT, tangent: Any = TANGENT, **given: Any
-) -> Any:
-    """Closures that differ by what they draw; `across` are where rays meet the round strand, -1 to 1."""
+    wo: Any, sigma: Any = _CLEAR, *, across: Any = None, count: int = LANE_COUNT, tangent: Any = TANGENT,
+    onto: Any = None, **given: Any,
+) -> Any:  # fmt: skip
+    """Closures that differ by what they draw; `across` are where rays meet the round strand, -1 to 1.
+
+    They are added to those of `onto`.
+    """
     assert set(given) <= set(_DEFAULTS)
     node = {**_DEFAULTS, **given}
     rng = np.random.default_rng(3)
-    closures = allocate_closures(count)
+    closures = allocate_closures(count) if onto is None else onto
     across = rng.uniform(-1.0, 1.0, count) if across is None else np.broadcast_to(across, count)
     side = np.cross(TANGENT, wo)
     side /= np.linalg.norm(side)
@@ -80,14 +92,7 @@ def _closures(
         sigma, (1.0, 1.0, 1.0), 0.0, 0.0, 0.0, node["alpha"], 0.0, node["tilt"], node["ior"], 0.5, node["aspect"],
         *node["lobes"], node["thickness"], node["axis"], _CLEAR,
     ]  # fmt: skip
-    memory, code = np.zeros(64, np.float32), np.zeros(32, np.int32)
-    at = 1
-    for k, operand in enumerate(operands):
-        values = np.atleast_1d(operand)
-        memory[at : at + len(values)] = values
-        code[3 + k] = at
-        at += len(values)
-    code[3 + len(operands)] = fibre_color.FIBRE_ABSORPTION
+    memory, code = pack_operands(operands, fibre_color.FIBRE_ABSORPTION)
     randoms = ((np.arange(count) + rng.random()) / count).astype(np.float32)
     tangent = tuple(np.float32(tangent))
     _add(closures, load_tables(), count, memory, code, wo, ns, tangent, randoms, np.float32(node["footprint"]))
@@ -97,14 +102,14 @@ def _closures(
 def _values(closures: Any, lane: int, wo: Any, directions: Any) -> tuple[Any, Any]:
     directions = np.ascontiguousarray(directions, np.float32)
     pdfs, values = np.zeros(len(directions), np.float32), np.zeros((len(directions), 3), np.float32)
-    _evaluate(closures.param, closures.channels, lane, wo, directions, pdfs, values)
+    _evaluate(closures.param, closures.channels, lane, closures.count[lane], wo, directions, pdfs, values)
     return pdfs, values
 
 
 def _samples(closures: Any, lane: int, wo: Any, count: int, seed: int) -> Any:
     u = np.random.default_rng(seed).random((count, 3), np.float32)
     directions = np.zeros((count, 3), np.float32)
-    _sample(closures.param, closures.channels, lane, wo, u, directions)
+    _sample(closures.param, closures.channels, lane, closures.count[lane], wo, u, directions)
     return directions
 
 
@@ -181,8 +186,8 @@ def test_rays_pass_beside_a_narrow_ellipse() -> None:
     for across, kind in ((0.3, HUANG), (0.7, TRANSPARENT)):
         # The major axis points to the viewer.
         closures = _closures(_unit((0.0, 1.0, 0.3)), aspect=0.5, axis=(0.0, 1.0, 0.0), across=across, count=16)
-        assert (closures.count == 1).all()
-        assert (closures.kind[:16, 0] == kind).all()
+        assert (closures.count == (1 if kind == TRANSPARENT else WAYS)).all()
+        assert (closures.kind[:16, : closures.count[0]] == kind).all()
     # No matter which of both axes is the longer one.
     wide = _closures(_unit((0.0, 1.0, 0.3)), aspect=2.0, axis=(0.0, 1.0, 0.0), across=0.7, count=16)
     assert (wide.kind[:16, 0] == TRANSPARENT).all()
@@ -194,11 +199,23 @@ def test_fibres_seen_near_keep_to_where_the_ray_meets_them() -> None:
         for footprint in (0.1, 4.0)
     )
     first = CLOSURE_KIND_PARAMS + 9
-    at = -np.sin(near.param[:, 0, first])
+    at = -np.sin(near.param[:, :WAYS, first])
     assert ((at > 0.44) & (at < 0.56)).all()
-    spread = -np.sin(far.param[:, 0, first])
+    spread = np.sort(-np.sin(far.param[:, :WAYS, first]), axis=1)
     assert spread.min() < -0.99
     assert spread.max() > 0.99
+    assert np.allclose(np.diff(spread, axis=1), 2.0 / WAYS, atol=1e-3), "not spread evenly"
+
+
+def test_nodes_that_come_later_find_room() -> None:
+    """Each leaves half of what is free, and so none is lost."""
+    closures = _closures(WO, count=4)
+    weights = [closures.param[:, : closures.count[0], CLOSURE_WEIGHT].sum(axis=1)]
+    for _ in range(4):
+        _closures(WO, count=4, onto=closures)
+        weights.append(closures.param[:, : closures.count[0], CLOSURE_WEIGHT].sum(axis=1))
+    assert (closures.count == MAX_CLOSURES).all()
+    assert np.allclose(np.diff(weights, axis=0, prepend=0.0), 1.0)
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -1.0])
@@ -210,10 +227,28 @@ def test_bad_input_gives_numbers(alpha: float, ior: float, aspect: float) -> Non
     ):  # fmt: skip
         side = _closures(WO, sigma, alpha=alpha, ior=ior, aspect=aspect, tilt=3.0, count=32, tangent=tangent)
         for lane in np.flatnonzero(side.kind[:32, 0] == HUANG):
-            assert np.isfinite(side.param[lane, 0]).all()
+            assert np.isfinite(side.param[lane, : side.count[lane]]).all()
             directions = _samples(side, lane, wo, 16, lane)
             pdfs, values = _values(side, lane, wo, np.concatenate([directions, -directions, np.eye(3)]))
             assert np.isfinite(directions).all()
             assert np.isfinite(pdfs).all()
             assert np.isfinite(values).all()
             assert (values >= 0.0).all()
+
+
+def test_the_albedo_is_a_series_of_reflections() -> None:
+    """Of the smooth fibre: what is reflected at once, and what leaves after passing through it once, twice, ..."""
+    absorbed = (0.0, 0.4, 1e4)
+    closures = _closures(WO, absorbed, across=0.3, tilt=0.0, count=1)
+    cosine = math.sqrt(1.0 - 0.3**2) * math.sqrt(1.0 - WO[2] ** 2)
+    reflected, cos_inside = fresnel_dielectric(cosine, 1.55)
+    along = WO[2] / 1.55
+    for c, sigma in enumerate(absorbed):
+        passed = math.exp(-2.0 * sigma * abs(cos_inside) / (1.0 - along * along))
+        series = sum((1.0 - reflected) ** 2 * passed * (reflected * passed) ** k for k in range(30))
+        assert math.isclose(huang.huang_albedo(closures.param, 0, 0, WO, c), reflected + series, rel_tol=1e-4)
+
+
+def test_denoisers_are_told_the_direction_along_fibres() -> None:
+    closures = _closures(WO, count=1)
+    assert np.allclose(hair.feature_normal(closures, 0, 0, WO), (0.0, 0.0, 1.0), atol=1e-6)
