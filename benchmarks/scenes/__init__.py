@@ -18,6 +18,7 @@ from benchmarks.scenes import (
     hair,
     lights,
     limits,
+    linked_closures,
     matter,
     matter_indoors,
     matter_large,
@@ -36,7 +37,7 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "matter",
-    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral",
-    "subsurface", "textures", "wax",
+    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked_closures",
+    "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms",
+    "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip
