@@ -35,7 +35,7 @@ REPORTED_WHOLE = {
 }  # fmt: skip
 #: Known nodes and settings that are reported: part of the notice.
 REPORTED = (
-    "thin film", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
+    "thin film", "BECKMANN", "ROTATION",
     "of lights", "'LIGHT'",
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
