@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -319,6 +320,12 @@ def is_impossible_refraction(case: Case, wo: np.ndarray, wi: np.ndarray) -> bool
     return bool(facet @ wo <= 0.0 or facet @ wi >= 0.0)
 
 
+def tolerance(case: Case) -> float:
+    """Relative; Cycles 5.3 differs from 5.0 in films that are seen from within glass (docs/differences.md)."""
+    is_newer = int(version("bpy").split(".")[1]) > 0
+    return 0.02 if is_newer and case.is_backfacing and "film_thickness" in case.inputs else 5e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_albedo_agrees_with_cycles(case: Case, cycles: np.ndarray) -> None:
@@ -326,7 +333,7 @@ def test_albedo_agrees_with_cycles(case: Case, cycles: np.ndarray) -> None:
     # At grazing angles its rays that meet Ashikhmin and Shirley's facets from behind go where its light samples have
     # no such light.
     rows = slice(0, 3 if case.distribution == ASHIKHMIN_SHIRLEY and case.inputs["roughness"] > 0.2 else None)
-    np.testing.assert_allclose(ours(case)[rows], cycles[0, CASES.index(case), rows], rtol=5e-3, atol=5e-4)
+    np.testing.assert_allclose(ours(case)[rows], cycles[0, CASES.index(case), rows], rtol=tolerance(case), atol=5e-4)
 
 
 @pytest.mark.slow
@@ -342,7 +349,7 @@ def test_value_agrees_with_cycles(case: Case, sun: int, cycles: np.ndarray) -> N
             assert not value.any()
         else:
             expected = cycles[1 + sun, CASES.index(case), row]
-            np.testing.assert_allclose(value, expected, rtol=5e-3, atol=2e-5, err_msg=f"cosine {cosine}")
+            np.testing.assert_allclose(value, expected, rtol=tolerance(case), atol=2e-5, err_msg=f"cosine {cosine}")
 
 
 if __name__ == "__main__":
