@@ -20,6 +20,7 @@ from benchmarks.scenes import (
     lights,
     limits,
     linked,
+    linked_closures,
     matter,
     matter_indoors,
     matter_large,
@@ -40,7 +41,7 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked", "matter",
-    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays", "patterned_lamps", "plants",
-    "principled", "rooms", "spectral", "subsurface", "textures", "wax",
+    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked",
+    "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
+    "patterned_lamps", "plants", "principled", "rooms", "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip

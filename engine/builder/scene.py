@@ -29,6 +29,7 @@ from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.builder.same_place import SamePlace, find_same_place
 from engine.kernels.bsdf import BsdfTables, load_tables
+from engine.kernels.bsdf.linked_lobes import link_used
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.content import Kept, Versions
 from engine.scene.description import (
@@ -384,7 +385,8 @@ def build_scene(
     attribute_names = _attribute_names(description, programs)
 
     check_cancel()
-    tables = load_tables()
+    tables = load_tables(description.to_xyz)
+    link_used(settings.channel_count)
     displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
     apart = _draw_apart(cache, displaced)
     unmarked = build_geometry(
@@ -394,8 +396,7 @@ def build_scene(
     notices += same_place.notices
     geometry = _mark(cache, same_place, unmarked)
     check_cancel()
-    shaders = programs.arrays
-    media = _build_media(cache, apart, programs, geometry, tables)
+    media, shaders = _build_media(cache, apart, programs, geometry, tables), programs.arrays
     if not keeps_meshes:
         # Media that vary have asked for the boxes of theirs.
         cache.give_up([*description.meshes, *displaced.meshes, *apart.meshes])

@@ -42,8 +42,9 @@ GUIDED_PARTS = ("guiding",)
 SPECTRAL_PARTS = ("spectral",)
 SPECTRAL_GUIDED_PARTS = ("spectral_guiding",)
 #: What libraries made ahead hold too, and what is compiled by its first call where there is none: for all passes,
-#: media, things that move, light below surfaces, curves and points, the radiance cache, what learns, and trees.
-AHEAD_PARTS = ("passes", "media", "motion", "subsurface", "curves", "cache", "learning", "fields")
+#: media, things that move, light below surfaces, curves and points, closures that few have, the radiance cache, what
+#: learns, and trees.
+AHEAD_PARTS = ("passes", "media", "motion", "subsurface", "curves", "closures", "cache", "learning", "fields")
 
 #: What parts take, one after the other on a machine with nothing else to do: for telling how long it will take.
 #: `tests/engine/render/test_precompile.py` compares the numbers of kernels.

@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.builder.dicing import dice
 from engine.builder.lamps import LAMP_KINDS
+from engine.kernels.bsdf.linked_lobes import link_lobes
 from engine.render import precompile
 from engine.render.compile_progress import report_to
 from engine.runtime import kernel_cache
@@ -32,6 +33,8 @@ from engine.scene.description import (
 from engine.scene.dicing import Dicing
 from engine.scene.instances import plain_instances
 from engine.scene.rounds import ROUND, SPHERES, Rounds
+from engine.spectral.wavelengths import WAVELENGTH_COUNT
+from engine.state.lanes import RGB
 
 
 def compile_part(part: str) -> None:
@@ -68,6 +71,7 @@ def compile_part(part: str) -> None:
                 "motion": _compile_motion,
                 "subsurface": _compile_subsurface,
                 "curves": _compile_curves,
+                "closures": _compile_closures,
                 "cache": _compile_cache,
                 "learning": _compile_learning,
                 "fields": _compile_fields,
@@ -185,6 +189,11 @@ def _compile_curves() -> None:
         scene.meshes[0] = strand(shape)
         for spectral in ("OFF", "ON"):
             _render("OFF", scene=scene, spectral=spectral)
+
+
+def _compile_closures() -> None:
+    for channel_count in (RGB, WAVELENGTH_COUNT):
+        link_lobes(channel_count)
 
 
 def _compile_motion() -> None:

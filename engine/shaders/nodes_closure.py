@@ -7,22 +7,30 @@ which takes the opcode, the weight, further operands and the modes that need the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from engine.kernels.bsdf.kinds import ASHIKHMIN_SHIRLEY, BECKMANN, GGX, MULTI_GGX, WEIGHT_CUTOFF
+from engine.kernels.bsdf.linked_lobes import link_lobes
 from engine.kernels.bsdf.plain_glass import fold_glass, fold_glossy
 from engine.kernels.bsdf.plain_principled import fold_principled
 from engine.kernels.bsdf.subsurface import BURLEY, RANDOM_WALK, RANDOM_WALK_LEGACY, RANDOM_WALK_SKIN
 from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader import ops_closure as ops
 from engine.scene.description import Node
-from engine.shaders import nodes_hair
+from engine.shaders import nodes_hair, nodes_linked
+from engine.shaders.closure_inputs import BLACK as _BLACK
+from engine.shaders.closure_inputs import ONE as _ONE
+from engine.shaders.closure_inputs import WHITE as _WHITE
+from engine.shaders.closure_inputs import ZERO as _ZERO
+from engine.shaders.closure_inputs import color as _color
+from engine.shaders.closure_inputs import known as _known
+from engine.shaders.closure_inputs import normal as _normal
+from engine.shaders.closure_inputs import number as _float
 from engine.shaders.options import choice
 from engine.shaders.program import Constant, Value, is_zero
-from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, Socket
+from engine.shaders.table import VECTOR, Implicit, Socket
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
 Emit = Callable[[Node, Value, Any], None]
@@ -59,43 +67,22 @@ _SUBSURFACE_METHODS = {
     "RANDOM_WALK_LEGACY": RANDOM_WALK_LEGACY,
     "RANDOM_WALK_SKIN": RANDOM_WALK_SKIN,
 }
-_ZERO = Constant((0.0,))
-_ONE = Constant((1.0,))
-_BLACK = Constant((0.0, 0.0, 0.0))
-_WHITE = Constant((1.0, 1.0, 1.0))
 
 
 def _distribution(node: Node, builder: Any, roughness: Value, default: str) -> int:
-    kind = choice(node, builder, "distribution", _DISTRIBUTIONS, default)
-    name = str(node.properties.get("distribution", default))
-    if name in ("BECKMANN", "ASHIKHMIN_SHIRLEY") and not is_zero(roughness):
-        title = name.replace("_", " and ").title()
-        builder.notice(f"the distribution of {title} is not supported", "GGX of the same roughness is used")
+    kind: int = choice(node, builder, "distribution", _DISTRIBUTIONS, default)
+    # Mirrors have none.
+    if kind >= BECKMANN and is_zero(roughness):
+        return GGX
+    if kind >= BECKMANN:
+        link_lobes()
     return kind
-
-
-def _normal(builder: Any, identifier: str = "Normal") -> Value:
-    return builder.input(Socket(identifier, VECTOR, Implicit.NORMAL))
-
-
-def _color(builder: Any, identifier: str = "Color", default: float = 0.8) -> Value:
-    return builder.input(Socket(identifier, COLOR, (default, default, default)))
-
-
-def _float(builder: Any, identifier: str, default: float) -> Value:
-    return builder.input(Socket(identifier, FLOAT, default))
 
 
 def _roughness(node: Node, builder: Any, default: float) -> Value:
     if node.properties.get("distribution") == "SHARP":
         return _ZERO
     return _float(builder, "Roughness", default)
-
-
-def _known(value: Value) -> float | None:
-    """A number that can be folded; None where it depends on the point, or is infinite."""
-    number = value.value[0] if isinstance(value, Constant) else math.nan
-    return number if math.isfinite(number) else None
 
 
 def diffuse(node: Node, weight: Value, builder: Any) -> None:
@@ -138,7 +125,7 @@ def glossy(node: Node, weight: Value, builder: Any) -> None:
     plain = (_normal(builder), _color(builder))
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
     known = _known(roughness)
-    if is_zero(anisotropy) and known is not None:
+    if is_zero(anisotropy) and known is not None and distribution < BECKMANN:
         folded = fold_glossy(load_tables().data, known, is_multiple=distribution == MULTI_GGX)
         builder.closure(ops.opcode("PLAIN_GLOSSY"), weight, (*plain, Constant(folded)), modes=_LOBES)
         return
@@ -157,7 +144,7 @@ def refraction(node: Node, weight: Value, builder: Any) -> None:
 
 def glass(node: Node, weight: Value, builder: Any) -> None:
     """Glass BSDF."""
-    _thin_film(builder)
+    film = nodes_linked.film(builder)
     if not is_zero(_float(builder, "Anisotropy", 0.0)):
         builder.notice("anisotropic transmission is not supported", "glass as rough in all directions")
     color = _color(builder, default=1.0)
@@ -165,19 +152,14 @@ def glass(node: Node, weight: Value, builder: Any) -> None:
     ior = _float(builder, "IOR", 1.5)
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
     known, known_ior = _known(roughness), _known(ior)
-    if known is not None and known_ior is not None:
+    if known is not None and known_ior is not None and is_zero(film[0]) and distribution < BECKMANN:
         folded = fold_glass(load_tables().data, known, known_ior, is_multiple=distribution == MULTI_GGX)
         builder.closure(
             ops.opcode("PLAIN_GLASS"), weight, (_normal(builder), color, Constant(folded)), modes=_LOBES
         )
         return
-    operands = (_normal(builder), color, roughness, ior)
+    operands = (_normal(builder), color, roughness, ior, *film)
     builder.closure(ops.opcode("GLASS"), weight, operands, (distribution,), modes=_LOBES)
-
-
-def _thin_film(builder: Any) -> None:
-    if not is_zero(_float(builder, "Thin Film Thickness", 0.0)):
-        builder.notice("thin film interference is not supported", "no film")
 
 
 #: Operands of PRINCIPLED behind the normals and the tangent, with the values that switch each of them off.
@@ -208,6 +190,8 @@ _PRINCIPLED_OFF: dict[str, Value] = {
     "subsurface_ior": Constant((1.4,)),
     "subsurface_anisotropy": _ZERO,
     "thin_wall": _ZERO,
+    "film_thickness": _ZERO,
+    "film_ior": _ONE,
 }
 
 
@@ -220,7 +204,7 @@ def _plain_principled(distribution: int, normal: Value, values: Mapping[str, Val
     folded = ("roughness", "ior", "specular_level", "specular_tint")
     off = (
         *("metallic", "diffuse_roughness", "anisotropic", "transmission", "coat_weight", "sheen_weight"),
-        "subsurface_weight",
+        *("subsurface_weight", "film_thickness"),
     )
     if not all(name in numbers for name in (*folded, *off, "emission_color", "emission_strength", "alpha")):
         return None
@@ -341,37 +325,43 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
         }
     if any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight")):
         values["thin_wall"] = thin_wall
+    values["film_thickness"], values["film_ior"] = film = nodes_linked.film(builder)
+    if not is_zero(film[0]) and not is_zero(values.get("thin_wall", _ZERO)):
+        builder.notice("a thin film on a thin wall of glass is not supported", "no film on what light goes through")
     modes = (*_LOBES, MODE_TRANSPARENCY) if is_clear else _LOBES
     _principled_lobes(builder, weight, settings, modes, **values)
-    _thin_film(builder)
 
 
 def metallic(node: Node, weight: Value, builder: Any) -> None:
-    """Metallic BSDF, as the metallic part of the Principled BSDF (the same F82 model)."""
-    _thin_film(builder)
-    if choice(node, builder, "fresnel_type", ("F82", "PHYSICAL_CONDUCTOR"), "F82"):
-        builder.notice("a Metallic BSDF with physical n and k is not supported", "the F82 model with its colours")
+    """Metallic BSDF: where its lobe need not be linked, as the metallic part of the Principled BSDF."""
+    film = nodes_linked.film(builder)
+    by_index = choice(node, builder, "fresnel_type", ("F82", "PHYSICAL_CONDUCTOR"), "F82") == 1
+    anisotropic = _float(builder, "Anisotropy", 0.0)
+    is_isotropic = is_zero(anisotropic)
+    rotation = _ZERO if is_isotropic else _float(builder, "Rotation", 0.0)
+    tangent = _BLACK if is_isotropic else builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT))
+    roughness = _float(builder, "Roughness", 0.5)
+    distribution = _distribution(node, builder, roughness, "MULTI_GGX")
+    if by_index or distribution >= BECKMANN or not is_zero(film[0]):
+        numbers = (roughness, anisotropic, rotation, *film)
+        nodes_linked.metal(builder, weight, distribution, tangent, numbers, by_index=by_index)
+        return
     values: dict[str, Value] = {
         "base_color": _color(builder, "Base Color", 0.617),
         "specular_tint": _color(builder, "Edge Tint", 0.695),
         "metallic": _ONE,
-        "roughness": _float(builder, "Roughness", 0.5),
+        "roughness": roughness,
     }
-    anisotropic = _float(builder, "Anisotropy", 0.0)
-    if not is_zero(anisotropic):
-        values |= {
-            "anisotropic": anisotropic,
-            "anisotropic_rotation": _float(builder, "Rotation", 0.0),
-            "tangent": builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT)),
-        }
-    settings = (_distribution(node, builder, _ZERO, "MULTI_GGX"), RANDOM_WALK)
-    _principled_lobes(builder, weight, settings, _LOBES, **values)
+    if not is_isotropic:
+        values |= {"anisotropic": anisotropic, "anisotropic_rotation": rotation, "tangent": tangent}
+    _principled_lobes(builder, weight, (distribution, RANDOM_WALK), _LOBES, **values)
 
 
 def sheen(node: Node, weight: Value, builder: Any) -> None:
-    """Sheen BSDF, as the sheen of the Principled BSDF over black."""
+    """Sheen BSDF, of microfibres as the sheen of the Principled BSDF over black."""
     if choice(node, builder, "distribution", ("MICROFIBER", "ASHIKHMIN"), "MICROFIBER"):
-        builder.notice("Ashikhmin's sheen is not supported", "microfibre sheen")
+        nodes_linked.velvet(node, weight, builder)
+        return
     values = {
         "sheen_weight": _ONE,
         "sheen_roughness": _float(builder, "Roughness", 0.5),
@@ -389,14 +379,6 @@ def subsurface(node: Node, weight: Value, builder: Any) -> None:
     )  # fmt: skip
     method = choice(node, builder, "falloff", _SUBSURFACE_METHODS, "RANDOM_WALK")
     builder.closure(ops.opcode("SUBSURFACE"), weight, operands, (method,), modes=_LOBES)
-
-
-def _as_diffuse(problem: str) -> Emit:
-    def emit(node: Node, weight: Value, builder: Any) -> None:
-        builder.notice(problem, "a diffuse surface of its colour")
-        builder.closure(ops.opcode("DIFFUSE"), weight, (_normal(builder), _color(builder), _ZERO), modes=_LOBES)
-
-    return emit
 
 
 def _nothing(problem: str) -> Emit:
@@ -432,7 +414,6 @@ _PRINCIPLED = ClosureNode(
     ),
     ("distribution", "subsurface_method"),
 )
-# Inputs of physical n and k are replaced with the whole model.
 _METALLIC = ClosureNode(
     metallic,
     (
@@ -453,8 +434,8 @@ CLOSURES: dict[str, ClosureNode] = {
     "ShaderNodeBsdfTransparent": ClosureNode(transparent, ("Color",)),
     "ShaderNodeBsdfMetallic": _METALLIC,
     "ShaderNodeBsdfSheen": ClosureNode(sheen, _LOBE, ("distribution",)),
-    "ShaderNodeBsdfVelvet": ClosureNode(sheen),
-    "ShaderNodeBsdfToon": ClosureNode(_as_diffuse("Toon BSDF is not supported")),
+    "ShaderNodeBsdfVelvet": ClosureNode(nodes_linked.velvet, ("Color", "Sigma", "Normal")),
+    "ShaderNodeBsdfToon": ClosureNode(nodes_linked.toon, ("Color", "Size", "Smooth", "Normal"), ("component",)),
     "ShaderNodeBsdfHair": ClosureNode(nodes_hair.hair, nodes_hair.HAIR_INPUTS, ("component",)),
     "ShaderNodeBsdfHairPrincipled": ClosureNode(
         nodes_hair.principled_hair, nodes_hair.PRINCIPLED_HAIR_INPUTS, ("model", "parametrization")

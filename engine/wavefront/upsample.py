@@ -2,7 +2,9 @@
 """Stages of renders with wavelengths: what shaders and lights have left as RGB, at the paths' wavelengths."""
 
 from engine.kernels.bsdf.dispersion import begin_dispersion, disperses, set_channel
-from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES, CLOSURE_IS_BACK
+from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES, CLOSURE_IS_BACK, F0
+from engine.kernels.bsdf.linked import MODEL_MASK, TINT, address_of, is_linked
+from engine.kernels.bsdf.linked_facets import has_colors, set_wavelengths
 from engine.kernels.bsdf.lobes import COLOR_COLUMNS
 from engine.kernels.prefetch import ask_for_closures, ask_for_throughput, lane_ahead
 from engine.kernels.spectrum import upsample_light, upsample_parameter
@@ -67,6 +69,15 @@ def upsample_closures(scene, unit, work, queue):
             kind = closures.kind[lane, i]
             upsample_parameter(spectrum, paths, lane, param, i, CLOSURE_WEIGHT)
             has_index = has_index or disperses(kind)
+            if is_linked(kind):
+                set_wavelengths(
+                    param, lane, i, paths.wavelength[lane, 0], paths.wavelength[lane, 1], paths.wavelength[lane, 2],
+                    paths.wavelength[lane, 3],
+                )
+                if has_colors(address_of(param, lane, i) & MODEL_MASK):
+                    upsample_parameter(spectrum, paths, lane, param, i, F0)
+                    upsample_parameter(spectrum, paths, lane, param, i, TINT)
+                continue
             for k_color in range(COLOR_COLUMNS.shape[1]):
                 column = COLOR_COLUMNS[kind, k_color]
                 if column != 0:

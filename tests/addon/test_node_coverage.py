@@ -33,7 +33,7 @@ STRUCTURE = {
 REPORTED_WHOLE = {"ShaderNodeTexIES", "ShaderNodeTexSky"}
 #: Known nodes and settings that are reported: part of the notice.
 REPORTED = (
-    "thin film", "BECKMANN", "Beckmann", "Ashikhmin", "physical n and k", "ROTATION",
+    "thin film", "BECKMANN", "ROTATION",
     "of lights", "'LIGHT'",
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.

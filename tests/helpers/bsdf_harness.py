@@ -28,14 +28,17 @@ from engine.kernels.bsdf import (
     summarize,
     valid_specular_normal,
 )
+from engine.kernels.bsdf.glossy import film_of
+from engine.kernels.bsdf.linked import LEAST_THICKNESS, change_lobe, model_of
+from engine.kernels.bsdf.linked_lobes import ADDED, add_linked, link_lobes
 from engine.kernels.bsdf.subsurface import RANDOM_WALK, SubsurfaceInputs
 from engine.runtime.jit import kernel
 from engine.state.lanes import Closures, allocate_closures
 
 FloatArray = npt.NDArray[np.floating]
 
-DIFFUSE, GLOSSY, REFRACTION, GLASS, PRINCIPLED, TRANSLUCENT, TRANSPARENT, MIXTURE = range(8)
-GGX, MULTI_GGX = 0, 1
+DIFFUSE, GLOSSY, REFRACTION, GLASS, PRINCIPLED, TRANSLUCENT, TRANSPARENT, MIXTURE, LINKED = range(9)
+GGX, MULTI_GGX, BECKMANN, ASHIKHMIN_SHIRLEY = range(4)
 
 #: Principled inputs in the order of `_VALUES`, with the node's defaults (white, so that energy is easy to check).
 _SCALARS = {
@@ -57,6 +60,12 @@ _SCALARS = {
     "subsurface": 0.0,
     "anisotropy": 0.0,
     "thin_wall": 0.0,
+    "film_thickness": 0.0,
+    "film_ior": 1.33,
+    # Of linked lobes: which it is, and its two numbers.
+    "which": 0.0,
+    "first": 0.5,
+    "second": 0.0,
 }
 _COLORS = {
     "color": (1.0, 1.0, 1.0),
@@ -78,9 +87,13 @@ class Case:
     is_bumped: bool = False
 
     def __str__(self) -> str:
-        names = ("diffuse", "glossy", "refraction", "glass", "principled", "translucent", "transparent", "mixture")
+        names = (
+            *("diffuse", "glossy", "refraction", "glass", "principled", "translucent", "transparent", "mixture"),
+            "linked",
+        )
         inputs = ",".join(f"{name}={value}" for name, value in self.inputs.items())
-        kind = f"{names[self.node]}{'' if self.distribution else '-ggx'}{'-back' if self.is_backfacing else ''}"
+        distribution = ("-ggx", "", "-beckmann", "-ashikhmin")[self.distribution]
+        kind = f"{names[self.node]}{distribution}{'-back' if self.is_backfacing else ''}"
         kind += "-bumped" if self.is_bumped else ""
         return f"{kind}({inputs})"
 
@@ -107,7 +120,12 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             closures, tables, 0, white, color, wo, specular_n, distribution, values[0], values[1], is_backfacing
         )
     elif node == 3:
-        add_glass(closures, tables, 0, white, color, wo, specular_n, distribution, values[0], values[1], is_backfacing)
+        i = add_glass(
+            closures, tables, 0, white, color, wo, specular_n, distribution, values[0], values[1], is_backfacing
+        )
+        if distribution >= 2 or values[18] > LEAST_THICKNESS:
+            film = film_of(values[18], values[19], values[1], is_backfacing)
+            change_lobe(closures, tables, 0, i, wo, model_of(distribution), film)
     elif node == 4:
         inputs = PrincipledInputs(
             distribution=distribution,
@@ -135,12 +153,30 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             alpha=values[14],
             subsurface=SubsurfaceInputs(RANDOM_WALK, values[15], (1.0, 0.2, 0.1), 0.0, 1.4, values[16]),
             thin_wall=values[17],
+            film_thickness=values[18],
+            film_ior=values[19],
         )
         add_principled(closures, tables, 0, white, wo, ng, n, is_backfacing, inputs)
     elif node == 5:
         add_translucent(closures, 0, color, specular_n)
     elif node == 6:
         add_transparent(closures, 0, color)
+
+
+@kernel
+def _append_linked(closures, tables, wo, ng, ns, memory, code):
+    add_linked(closures, tables, 0, (wo, ng, ns), np.float32(1.0), memory, code, 0)
+
+
+def _linked_instruction(case: Case, n: tuple, tangent: tuple) -> tuple[FloatArray, npt.NDArray[np.int32]]:
+    """Memory and code of an instruction LINKED."""
+    values = {**_SCALARS, **_COLORS, **case.inputs}
+    which = int(values["which"])
+    numbers = [values["first"], values["second"], 0.0, 0.0, 0.0]
+    if which >= ADDED["METAL"]:
+        numbers = [values[name] for name in ("roughness", "anisotropic", "rotation", "film_thickness", "film_ior")]
+    memory = np.array([*n, *values["color"], *values["specular_tint"], *tangent, *numbers], np.float32)
+    return memory, np.array([0, 0, 0, 0, 3, 6, 9, *range(12, 17), which, case.distribution], np.int32)
 
 
 @kernel
@@ -216,6 +252,12 @@ class Lobes:
         for case in cases:
             unknown = set(case.inputs) - set(_SCALARS) - set(_COLORS)
             assert not unknown, unknown
+            is_film = case.inputs.get("film_thickness", 0.0) != 0.0
+            if case.node == LINKED or case.distribution >= BECKMANN or is_film:
+                link_lobes()
+            if case.node == LINKED:
+                _append_linked(self.closures, self.tables, wo, ng, ns, *_linked_instruction(case, n, tangent))
+                continue
             values = np.array([case.inputs.get(k, default) for k, default in _SCALARS.items()], np.float32)
             colors = np.array([case.inputs.get(k, default) for k, default in _COLORS.items()], np.float32)
             _append(

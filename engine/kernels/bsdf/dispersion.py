@@ -15,7 +15,6 @@ from engine.kernels.bsdf.kinds import (
     F0,
     F0_REAL,
     GLASS,
-    LAST_MICROFACET,
     REFRACTION,
 )
 from engine.kernels.bsdf.microfacet import fresnel_blend, glass_reflection_pmf, lobe_color
@@ -27,8 +26,8 @@ from engine.state.lanes import CLOSURE_N, CLOSURE_WEIGHT
 
 @kernel
 def disperses(kind):
-    """Whether lobes of this kind have a refractive index that light passes through."""
-    return REFRACTION <= kind <= LAST_MICROFACET
+    """Whether lobes of this kind have a refractive index that goes by the wavelength."""
+    return kind == REFRACTION or kind == GLASS
 
 
 @kernel

@@ -28,12 +28,14 @@ from engine.kernels.bsdf.kinds import (
     HUANG,
     LAST_DIFFUSE,
     LAST_MICROFACET,
+    LINKED_GLASS,
     PHASE,
     REFRACTION,
     SUBSURFACE,
     THIN_GLASS,
     TRANSPARENT,
 )
+from engine.kernels.bsdf.linked import albedo_linked, eval_linked, is_linked, linked_label, sample_linked
 from engine.kernels.bsdf.lobes import eval_lobe, hair_albedo, hair_roughness, sample_hair, sample_lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_microfacet
 from engine.kernels.bsdf.normals import bump_shadowing
@@ -78,7 +80,7 @@ def is_visible(kind, visibility):
         return visibility & (RAY_VOLUME if kind == PHASE else RAY_DIFFUSE) != 0
     if kind < REFRACTION:
         return visibility & RAY_GLOSSY != 0
-    if kind == GLASS:
+    if kind == GLASS or kind == LINKED_GLASS:
         return visibility & (RAY_GLOSSY | RAY_TRANSMIT) != 0
     return visibility & RAY_TRANSMIT != 0
 
@@ -101,6 +103,8 @@ def eval_lobe_of(kinds, param, channels, lane, i, wo, wi, visibility, sampled, o
         factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
     if not is_visible(kind, visibility):
         factor = 0.0
+    if is_linked(kind):
+        return eval_linked(param, channels, lane, i, n, wo, wi, factor, out, row)
     if kind <= LAST_DIFFUSE:
         return eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
     if kind <= LAST_MICROFACET:
@@ -183,6 +187,25 @@ def is_delta_lobe(kinds, param, lane, i):
 
 
 @kernel
+def _pass_through(closures, lane, i, kind, pmf, out, row):
+    """Write the value of a lobe that is no surface's, and return the kind of the ray."""
+    channels = closures.channels
+    for c in range(len(channels)):
+        out[row, c] = closures.param[lane, i, CLOSURE_WEIGHT + c]
+        if len(channels) > RGB:
+            out[row, len(channels) + c] = pmf
+    return RAY_SUBSURFACE | i << LABEL_LOBE if kind == SUBSURFACE else RAY_TRANSPARENT | RAY_TRANSMIT
+
+
+@kernel
+def _write_delta(param, channels, lane, i, kind, blend, is_refracted, out, row):
+    """Write the value of a delta lobe; that of a linked one is there, without weight and energy scale."""
+    for c in range(len(channels)):
+        color = out[row, c] if is_linked(kind) else lobe_color(param, lane, i, kind, blend, is_refracted, c)
+        out[row, c] = param[lane, i, CLOSURE_WEIGHT + c] * param[lane, i, ENERGY_SCALE] * color
+
+
+@kernel
 def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
     """`sample_bsdf` among the lobes of `choice` (EVERY_LOBE, ROUGH_LOBES, DELTA_LOBES); the returned probabilities are
     those of a choice among all.
@@ -229,7 +252,15 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
             return 0.0, wo, label, roughness, eta
         pdf, _ = eval_channels(closures, lane, wo, wi, EVERY_KIND, chosen, -1.0, out, row)
         return pdf, wi, hair_label(kind), hair_roughness(kind, param, lane, chosen), eta
-    if kind <= LAST_DIFFUSE:
+    if is_linked(kind):
+        numbers = (u0, u1, u2)
+        wi, is_refracted, is_delta, branch_pmf = sample_linked(param, channels, lane, chosen, n, wo, numbers, out, row)
+        pmf *= branch_pmf
+        label = linked_label(param, lane, chosen, kind)
+        roughness = math.sqrt(param[lane, chosen, ALPHA_X] * param[lane, chosen, ALPHA_Y])
+        if is_refracted:
+            eta = param[lane, chosen, ETA]
+    elif kind <= LAST_DIFFUSE:
         is_refracted = kind >= FIRST_TRANSLUCENT
         label = RAY_DIFFUSE
         wi = sample_lobe(kind, param, lane, chosen, n, wo, u1, u2)
@@ -243,20 +274,13 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
         if is_refracted:
             eta = param[lane, chosen, ETA]
     else:
-        for c in range(len(channels)):
-            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c]
-            if len(channels) > RGB:
-                out[row, len(channels) + c] = pmf
-        label = RAY_SUBSURFACE | chosen << LABEL_LOBE if kind == SUBSURFACE else RAY_TRANSPARENT | RAY_TRANSMIT
-        return pmf, negate(wo), label, 0.0, eta
+        return pmf, negate(wo), _pass_through(closures, lane, chosen, kind, pmf, out, row), 0.0, eta
     label |= RAY_TRANSMIT if is_refracted else RAY_REFLECT
     # Only samples are checked against the geometric normal: evaluation would show the facets of smooth meshes (Cycles).
     if pmf <= 0.0 or (dot(ng, wi) < 0.0) != is_refracted:
         return 0.0, wi, label, roughness, eta
     if is_delta:
-        for c in range(len(channels)):
-            color = lobe_color(param, lane, chosen, kind, blend, is_refracted, c)
-            out[row, c] = param[lane, chosen, CLOSURE_WEIGHT + c] * param[lane, chosen, ENERGY_SCALE] * color
+        _write_delta(param, channels, lane, chosen, kind, blend, is_refracted, out, row)
         if len(channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
             pmf = delta_channels(closures, lane, chosen, wo, sample_weight / weight_sum, pmf, is_refracted, out, row)
         return pmf, wi, label | RAY_SINGULAR, roughness, eta
@@ -346,6 +370,11 @@ def add_albedo(closures, tables, lane, i, wo, looks_up_transmission, out, row):
     """Add the estimated directional albedo of a lane's lobe `i` to out[row]; see `albedo_blends`."""
     param = closures.param
     kind = closures.kind[lane, i]
+    if FIRST_MICROFACET <= kind and is_linked(kind):
+        shares = albedo_linked(param, closures.channels, tables, lane, i, wo)
+        for c in range(len(closures.channels)):
+            out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * (shares[c] + shares[4 + c])
+        return
     is_microfacet = FIRST_MICROFACET <= kind <= LAST_MICROFACET
     reflected = 1.0
     refracted = 1.0

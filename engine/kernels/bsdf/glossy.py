@@ -10,6 +10,7 @@ from engine.kernels.bsdf.fresnel import f0_of_eta, interface_mean_blend
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
+    BECKMANN,
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
     CLOSURE_NO_REFRACTIVE_CAUSTICS,
     ENERGY_SCALE,
@@ -24,6 +25,7 @@ from engine.kernels.bsdf.kinds import (
     TANGENT,
     TRANSMISSION_TINT,
 )
+from engine.kernels.bsdf.linked import FACETS_GGX, LEAST_THICKNESS, NO_FILM, change_lobe, model_of
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.constants import TWO_PI
 from engine.kernels.limits import at_least, clamp, clamp_unit
@@ -63,12 +65,15 @@ class Interface(NamedTuple):
         Refractive index of the far side over the viewer's side.
     f0, reflection, transmission : tuple of 3 float32
         Columns F0, REFLECTION_TINT (or F82_B) and TRANSMISSION_TINT.
+    film : tuple of 2 float32
+        See `change_lobe`; `add_layer` and `append_glass` look at it.
     """
 
     eta: float
     f0: _Vector
     reflection: _Vector
     transmission: _Vector
+    film: tuple[float, float]
 
 
 @kernel
@@ -139,7 +144,7 @@ def add_glossy(
     wo, n, tangent : tuple of 3 float32
         Direction to the viewer, normal (see `valid_specular_normal`), direction of anisotropy; unit, world space.
     distribution : int
-        MULTI_GGX compensates energy; others are GGX.
+        MULTI_GGX compensates energy.
     roughness : float32 in [0, 1], alpha is its square
     anisotropy : float32 in (-1, 1)
     rotation : float32 [turns]
@@ -158,8 +163,10 @@ def add_glossy(
             alpha_x *= 1.0 - anisotropy
             alpha_y /= 1.0 - anisotropy
     facets = Facets(n, tangent, alpha_x, alpha_y, distribution == MULTI_GGX)
-    i = append_microfacet(closures, lane, GLOSSY, weight, facets, Interface(1.0, color, color, color))
-    if i >= 0 and facets.is_multiple:
+    i = append_microfacet(closures, lane, GLOSSY, weight, facets, Interface(1.0, color, color, color, NO_FILM))
+    if distribution >= BECKMANN:
+        change_lobe(closures, tables, lane, i, wo, model_of(distribution), NO_FILM)
+    elif i >= 0 and facets.is_multiple:
         fresnel = (at_least(color[0], 0.0), at_least(color[1], 0.0), at_least(color[2], 0.0))
         finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, fresnel)
 
@@ -176,7 +183,9 @@ def add_refraction(closures, tables, lane, weight, color, wo, n, distribution, r
         eta = 1.0 / eta
     alpha = roughness * roughness
     facets = Facets(n, n, alpha, alpha, False)
-    append_microfacet(closures, lane, REFRACTION, weight, facets, Interface(eta, color, color, color))
+    i = append_microfacet(closures, lane, REFRACTION, weight, facets, Interface(eta, color, color, color, NO_FILM))
+    if distribution >= BECKMANN:
+        change_lobe(closures, tables, lane, i, wo, model_of(distribution), NO_FILM)
 
 
 @kernel
@@ -192,40 +201,57 @@ def append_glass(closures, tables, lane, weight, wo, facets, interface):
         Isotropic.
     interface : Interface
         Its `f0` is clamped to [0, 1].
+
+    Returns
+    -------
+    As `append_closure`.
     """
     reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
     refracts = closures.flags[lane] & CLOSURE_NO_REFRACTIVE_CAUSTICS == 0
     if not reflects and not refracts:
-        return
-    eta, f0, reflection, transmission = interface
+        return -1
+    eta, f0, reflection, transmission, film = interface
     black = (0.0, 0.0, 0.0)
     if not reflects:
         reflection = black
     if not refracts:
         transmission = black
     f0 = (clamp_unit(f0[0]), clamp_unit(f0[1]), clamp_unit(f0[2]))
-    i = append_microfacet(closures, lane, GLASS, weight, facets, Interface(eta, f0, reflection, transmission))
+    i = append_microfacet(closures, lane, GLASS, weight, facets, Interface(eta, f0, reflection, transmission, film))
     if i < 0:
-        return
+        return -1
     # Most of the colour is the transmitted light's.
     fresnel = transmission
     if transmission[0] == 0.0 and transmission[1] == 0.0 and transmission[2] == 0.0:
         fresnel = blend_to_white(f0, interface_mean_blend(eta))
         fresnel = (fresnel[0] * reflection[0], fresnel[1] * reflection[1], fresnel[2] * reflection[2])
     finish_lobe(closures.param, tables.data, lane, i, GLASS, wo, facets.is_multiple, fresnel)
+    if film[0] > LEAST_THICKNESS:
+        change_lobe(closures, tables, lane, i, wo, FACETS_GGX, film)
+    return i
+
+
+@kernel
+def film_of(thickness, film_ior, ior, is_backfacing):
+    """A film as `change_lobe` takes it, between air and something of refractive index `ior`."""
+    film_ior = at_least(film_ior, 1e-5)
+    return thickness, film_ior / at_least(ior, 1e-5) if is_backfacing else film_ior
 
 
 @kernel
 def add_glass(closures, tables, lane, weight, color, wo, n, distribution, roughness, ior, is_backfacing):
-    """Lobe of the Glass BSDF: reflection and refraction by Fresnel, both tinted. Parameters as `add_refraction`."""
+    """Lobe of the Glass BSDF: reflection and refraction by Fresnel, both tinted.
+
+    Parameters as `add_refraction`; returns as `append_closure`. Beckmann's facets and films are `change_lobe`'s.
+    """
     ior = at_least(ior, 1e-5)
     roughness = clamp_unit(roughness)
     tint = (at_least(color[0], 0.0), at_least(color[1], 0.0), at_least(color[2], 0.0))
     f0 = f0_of_eta(ior)
     alpha = roughness * roughness
     facets = Facets(n, n, alpha, alpha, distribution == MULTI_GGX)
-    interface = Interface(1.0 / ior if is_backfacing else ior, (f0, f0, f0), tint, tint)
-    append_glass(closures, tables, lane, weight, wo, facets, interface)
+    interface = Interface(1.0 / ior if is_backfacing else ior, (f0, f0, f0), tint, tint, NO_FILM)
+    return append_glass(closures, tables, lane, weight, wo, facets, interface)
 
 
 @kernel(forceinline=True)
@@ -254,9 +280,13 @@ def run_refraction(closures, tables, lane, view, weight, memory, code, pc):
 
 @kernel(forceinline=True)
 def run_glass(closures, tables, lane, view, weight, memory, code, pc):
-    """Instruction `weight, normal, color, roughness, ior | distribution`."""
+    """Instruction `weight, normal, color, roughness, ior, film thickness, film ior | distribution`."""
     n = valid_specular_normal(closures, lane, view.ng, view.wo, safe_normal(read3(memory, code[pc + 3]), view.ns))
-    add_glass(
-        closures, tables, lane, (weight, weight, weight), read3(memory, code[pc + 4]), view.wo, n, code[pc + 7],
-        memory[code[pc + 5]], memory[code[pc + 6]], view.is_backfacing,
+    distribution, ior, thickness = code[pc + 9], memory[code[pc + 6]], memory[code[pc + 7]]
+    i = add_glass(
+        closures, tables, lane, (weight, weight, weight), read3(memory, code[pc + 4]), view.wo, n, distribution,
+        memory[code[pc + 5]], ior, view.is_backfacing,
     )  # fmt: skip
+    if distribution >= BECKMANN or thickness > LEAST_THICKNESS:
+        film = film_of(thickness, memory[code[pc + 8]], ior, view.is_backfacing)
+        change_lobe(closures, tables, lane, i, view.wo, model_of(distribution), film)

@@ -22,6 +22,7 @@ from engine.kernels.bsdf.kinds import (
     LAST_DIFFUSE,
     REFRACTION,
 )
+from engine.kernels.bsdf.linked import is_linked, linked_label
 from engine.kernels.bsdf.lobes import hair_roughness
 from engine.kernels.bsdf.microfacet import MIN_ETA_STEP
 from engine.kernels.vector import dot
@@ -134,4 +135,5 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
     if kind <= LAST_DIFFUSE:
         return pdf, label | RAY_DIFFUSE, 1.0, 1.0
     roughness = math.sqrt(param[lane, picked, ALPHA_X] * param[lane, picked, ALPHA_Y])
-    return pdf, label | RAY_GLOSSY, roughness, param[lane, picked, ETA] if is_refracted else 1.0
+    label |= linked_label(param, lane, picked, kind) if is_linked(kind) else RAY_GLOSSY
+    return pdf, label, roughness, param[lane, picked, ETA] if is_refracted else 1.0

@@ -12,6 +12,7 @@ GLOSSY_F82          as GLOSSY, and F0 (4), F82_B (4)
 REFRACTION          ALPHA_X = ALPHA_Y, ETA, ENERGY_SCALE, ETA_D (where the lane disperses)
 GLASS               as REFRACTION, and F0 (4), F0_REAL, REFLECTION_TINT (4), TRANSMISSION_TINT (4)
 TRANSPARENT         none
+LINKED_*            see `linked.py`
 SUBSURFACE          see `subsurface.py`: it has no value in any direction, and is sampled only
 ==================  ==================================================================================================
 
@@ -28,6 +29,8 @@ NONE = 0
 
 # Diffuse kinds, up to LAST_DIFFUSE: those below FIRST_TRANSLUCENT reflect, the others transmit.
 DIFFUSE = 1
+#: Those whose kernels are compiled where a scene has one (`linked.py`), here and below.
+LINKED_DIFFUSE = 4
 FIRST_TRANSLUCENT = 16
 #: What a rough thin wall lets through (`thin_wall.py`).
 THIN_TRANSLUCENT = 18
@@ -49,14 +52,17 @@ GLOSSY = 24
 GLOSSY_DIELECTRIC = 25
 GLOSSY_SCHLICK = 26
 GLOSSY_F82 = 27
-REFRACTION = 28
-GLASS = 29
-LAST_MICROFACET = 29
+LINKED_GLOSSY = 28
+REFRACTION = 29
+GLASS = 30
+LINKED_REFRACTION = 31
+LINKED_GLASS = 32
+LAST_MICROFACET = 32
 
-TRANSPARENT = 30
+TRANSPARENT = 33
 #: Light that goes in and comes out elsewhere (`subsurface.py`).
-SUBSURFACE = 31
-KIND_COUNT = 32
+SUBSURFACE = 34
+KIND_COUNT = 35
 
 # Values of the `distribution` argument of add_*.
 GGX = 0

@@ -11,6 +11,8 @@ memory[code[pc + 3]] and on, as the node's entry in `engine/shaders/nodes_closur
 There `ops_closure.opcode` gives the instruction's opcode by its name here. Give `run_*` `forceinline=True`: two arrays
 as arguments are a dozen stores at every call.
 
+A closure that few scenes have is linked (`linked.py`): its kernels are compiled where a scene has one.
+
 Kinds that are neither diffuse, transparent nor subsurface are microfacet lobes, one family that differs by Fresnel
 terms (`microfacet.py`).
 """
@@ -23,6 +25,7 @@ from engine.kernels.bsdf import (
     glossy,
     hair,
     huang,
+    linked,
     oren_nayar,
     phase,
     plain_glass,
@@ -69,6 +72,7 @@ INSTRUCTIONS = {
     "HUANG": huang.run_huang,
     "HUANG_OUTSIDE": huang.run_huang_outside,
     "SUBSURFACE": subsurface.run_subsurface,
+    "LINKED": linked.run_linked,
 }
 
 eval_lobe = by_number({lobe.kind: lobe.evaluate for lobe in LOBES}, "eval_lobe", __name__)

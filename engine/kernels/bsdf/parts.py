@@ -16,10 +16,13 @@ from engine.kernels.bsdf.kinds import (
     HAIR_TRANSMISSION,
     LAST_DIFFUSE,
     LAST_MICROFACET,
+    LINKED_GLASS,
+    LINKED_REFRACTION,
     REFRACTION,
     THIN_GLASS,
     TRANSPARENT,
 )
+from engine.kernels.bsdf.linked import albedo_linked, is_linked
 from engine.kernels.bsdf.lobes import hair_albedo
 from engine.kernels.bsdf.microfacet import lobe_color
 from engine.kernels.vector import dot
@@ -41,9 +44,9 @@ def _eval_parts(closures, lane, wo, wi, visibility, out):
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
         row = DIFFUSE_LOBES
-        if kind == REFRACTION or kind == HAIR_TRANSMISSION or kind == THIN_GLASS:
+        if kind == REFRACTION or kind == LINKED_REFRACTION or kind == HAIR_TRANSMISSION or kind == THIN_GLASS:
             row = TRANSMISSIVE_LOBES
-        elif kind == GLASS:
+        elif kind == GLASS or kind == LINKED_GLASS:
             is_refracted = dot(read3(closures.param, lane, i, CLOSURE_N), wi) < 0.0
             row = TRANSMISSIVE_LOBES if is_refracted else GLOSSY_LOBES
         elif kind >= FIRST_HAIR:
@@ -114,6 +117,12 @@ def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
                 continue
             for c in range(len(closures.channels)):
                 out[row, c] += param[lane, i, CLOSURE_WEIGHT + c]
+            continue
+        if is_linked(kind):
+            shares = albedo_linked(param, closures.channels, tables, lane, i, wo)
+            for c in range(len(closures.channels)):
+                out[GLOSSY_LOBES, c] += param[lane, i, CLOSURE_WEIGHT + c] * shares[c]
+                out[TRANSMISSIVE_LOBES, c] += param[lane, i, CLOSURE_WEIGHT + c] * shares[4 + c]
             continue
         reflected, refracted = albedo_blends(param, tables.data, lane, i, kind, wo, looks_up_transmission)
         for c in range(len(closures.channels)):

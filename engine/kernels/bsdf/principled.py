@@ -13,6 +13,7 @@ from engine.kernels.bsdf.glossy import (
     append_glass,
     append_microfacet,
     blend_to_white,
+    film_of,
     rotate_tangent,
 )
 from engine.kernels.bsdf.kinds import (
@@ -24,6 +25,7 @@ from engine.kernels.bsdf.kinds import (
     MULTI_GGX,
     WEIGHT_CUTOFF,
 )
+from engine.kernels.bsdf.linked import FACETS_GGX, LEAST_THICKNESS, NO_FILM, change_lobe
 from engine.kernels.bsdf.no_lobes import add_emission, add_transparent
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar
@@ -78,6 +80,7 @@ class PrincipledInputs(NamedTuple):
     coat_normal : on the viewer's side; the smooth shading normal where nothing is linked
     subsurface : its refractive index counts for skin alone
     thin_wall : not 0: a sheet, which light goes through at once
+    film_thickness : [nm]; of a thin wall it has no effect
     """
 
     distribution: int
@@ -105,6 +108,8 @@ class PrincipledInputs(NamedTuple):
     alpha: float
     subsurface: SubsurfaceInputs
     thin_wall: float
+    film_thickness: float
+    film_ior: float
 
 
 @kernel
@@ -114,6 +119,8 @@ def add_layer(closures, tables, lane, kind, weight, scale_in, wo, facets, interf
     if i < 0:
         return weight
     layer = finish_lobe(closures.param, tables.data, lane, i, kind, wo, facets.is_multiple, fresnel)
+    if interface.film[0] > LEAST_THICKNESS:
+        layer = change_lobe(closures, tables, lane, i, wo, FACETS_GGX, interface.film)
     return weight_below(layer, weight)
 
 
@@ -160,15 +167,17 @@ def _add_transmission(closures, tables, lane, weight, wo, n, specular_n, is_back
         add_thin_glass(closures, tables, lane, weight, wo, specular_n, alpha, ior, specular_tint, color)
         return
     tint = (math.sqrt(color[0]), math.sqrt(color[1]), math.sqrt(color[2]))
+    eta, f0 = 1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_of_eta(ior))
+    film = film_of(inputs.film_thickness, inputs.film_ior, ior, is_backfacing)
     append_glass(
         closures, tables, lane, weight, wo, Facets(specular_n, n, alpha, alpha, inputs.distribution == MULTI_GGX),
-        Interface(1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_of_eta(ior)), (1.0, 1.0, 1.0), tint),
+        Interface(eta, f0, (1.0, 1.0, 1.0), tint, film),
     )  # fmt: skip
 
 
 @kernel
 def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inputs):
-    """Append the lobes of the Principled BSDF (version 2, as in Blender 4 and 5), without thin film.
+    """Append the lobes of the Principled BSDF (version 2, as in Blender 4 and 5).
 
     Parameters
     ----------
@@ -188,8 +197,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
     alpha = clamp_unit(inputs.alpha)
     is_multiple = inputs.distribution == MULTI_GGX
     specular_n = valid_specular_normal(closures, lane, ng, wo, n)
-    alpha_x = roughness * roughness
-    alpha_y = alpha_x
+    alpha_x = alpha_y = roughness * roughness
     tangent = inputs.tangent
     anisotropic = clamp_unit(inputs.anisotropic)
     if anisotropic > 0.0:
@@ -198,6 +206,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         alpha_y *= aspect
         tangent = rotate_tangent(tangent, n, inputs.anisotropic_rotation)
     facets = Facets(specular_n, tangent, alpha_x, alpha_y, is_multiple)
+    film = (inputs.film_thickness, at_least(inputs.film_ior, 1e-5))
     reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
 
     if alpha < 1.0:
@@ -223,7 +232,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
             weight = add_layer(
                 closures, tables, lane, GLOSSY_DIELECTRIC, weight, coat_weight, wo,
                 Facets(coat_n, n, coat_alpha, coat_alpha, True),
-                Interface(coat_ior, mean_color, mean_color, mean_color),
+                Interface(coat_ior, mean_color, mean_color, mean_color, NO_FILM),
                 mean_color,
             )  # fmt: skip
         coat_tint = inputs.coat_tint
@@ -241,7 +250,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
                 f82_b(f0[2], min(specular_tint[2], 1.0)),
             )
             fresnel = (f82_mean(f0[0], b[0]), f82_mean(f0[1], b[1]), f82_mean(f0[2], b[2]))
-            interface = Interface(1.0, f0, b, f0)
+            interface = Interface(1.0, f0, b, f0, film)
             add_layer(closures, tables, lane, GLOSSY_F82, weight, metallic, wo, facets, interface, fresnel)
         weight = scale(weight, 1.0 - metallic)
 
@@ -257,11 +266,11 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
         eta = eta_of_f0(f0_real)
         if ior < 1.0:
             eta = 1.0 / eta
-    if reflects and eta != 1.0:
+    if reflects and (eta != 1.0 or film[0] > LEAST_THICKNESS):
         f0 = scale(specular_tint, f0_real)
         f0 = (clamp_unit(f0[0]), clamp_unit(f0[1]), clamp_unit(f0[2]))
         fresnel = blend_to_white(f0, interface_mean_blend(eta))
-        interface = Interface(eta, f0, f0, f0)
+        interface = Interface(eta, f0, f0, f0, film)
         weight = add_layer(closures, tables, lane, GLOSSY_SCHLICK, weight, 1.0, wo, facets, interface, fresnel)
 
     _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs)
@@ -272,11 +281,11 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
     """Instruction `weight, normal, coat normal, tangent, base color, metallic, roughness, diffuse roughness, ior,
     specular level, specular tint, anisotropic, rotation, transmission, coat weight, coat roughness, coat ior, coat
     tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha, subsurface weight,
-    radius, scale, ior, anisotropy, thin wall | distribution, subsurface method`.
+    radius, scale, ior, anisotropy, thin wall, film thickness, film ior | distribution, subsurface method`.
     """
     n = safe_normal(read3(memory, code[pc + 3]), view.ns)
     inputs = PrincipledInputs(
-        distribution=code[pc + 32],
+        distribution=code[pc + 34],
         base_color=read3(memory, code[pc + 6]),
         metallic=memory[code[pc + 7]],
         roughness=memory[code[pc + 8]],
@@ -300,7 +309,7 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
         emission_strength=memory[code[pc + 24]],
         alpha=memory[code[pc + 25]],
         subsurface=SubsurfaceInputs(
-            method=code[pc + 33],
+            method=code[pc + 35],
             weight=memory[code[pc + 26]],
             radius=read3(memory, code[pc + 27]),
             scale=memory[code[pc + 28]],
@@ -308,6 +317,8 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
             anisotropy=memory[code[pc + 30]],
         ),
         thin_wall=memory[code[pc + 31]],
+        film_thickness=memory[code[pc + 32]],
+        film_ior=memory[code[pc + 33]],
     )
     weights = (weight, weight, weight)
     add_principled(closures, tables, lane, weights, view.wo, view.ng, n, view.is_backfacing, inputs)

@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from engine.array_types import Float32Array
+from engine.array_types import Float32Array, Int64Array
+from engine.kernels.bsdf.linked import FILM_TABLE, SELF
 from engine.kernels.bsdf.lookup import TABLES_SIZE
+from engine.kernels.bsdf.thin_film import film_table
 from engine.runtime.bundle import Bundle
+from engine.state.columns import aligned_bytes
 
 TABLES_FILE = Path(__file__).with_name("tables.npz")
 
@@ -29,9 +33,12 @@ class BsdfTables(Bundle):
     fresnel_blend : planes are z; mean of (F - F0) / (1 - F0) over the visible normals that reflect upwards
     schlick_blend : the same with Schlick's (1 - cos)^5
     sheen : transformed cosine's a, b and the albedo; rows are roughness, columns the cosine
+
+    linked : int64 (W,), addresses of kernels of lobes that few scenes have, and the table of thin films (`linked.py`)
     """
 
     data: Float32Array
+    linked: Int64Array
 
 
 TABLE_SHAPES = {
@@ -46,10 +53,49 @@ TABLE_SHAPES = {
 
 
 @cache
-def load_tables() -> BsdfTables:
-    """The tables shipped with the package."""
+def _stored_tables() -> Float32Array:
     with np.load(TABLES_FILE) as stored:
         tables = [stored[name].astype(np.float32).reshape(shape).ravel() for name, shape in TABLE_SHAPES.items()]
     data = np.concatenate(tables)
     assert data.size == TABLES_SIZE
-    return BsdfTables(data)
+    return data
+
+
+_made: dict[bytes, BsdfTables] = {}
+_making = threading.Lock()
+
+
+def load_tables(to_xyz: Float32Array | None = None) -> BsdfTables:
+    """The tables shipped with the package, and that of thin films for a working space.
+
+    Parameters
+    ----------
+    to_xyz : float32 (3, 3), optional
+        From the scene's working space; Rec.709 if None.
+    """
+    with _making:
+        key = b"" if to_xyz is None else np.asarray(to_xyz, np.float32).tobytes()
+        if key not in _made:
+            film = film_table(to_xyz)
+            linked = aligned_bytes(8 * FILM_TABLE + film.nbytes).view(np.int64)
+            linked[SELF] = linked.ctypes.data
+            linked[FILM_TABLE:] = film.ravel().view(np.int64)
+            _made[key] = BsdfTables(_stored_tables(), linked)
+            _write_addresses(linked)
+        return _made[key]
+
+
+_addresses: dict[int, int] = {}
+
+
+def _write_addresses(linked: Int64Array) -> None:
+    for word, address in _addresses.items():
+        linked[word] = address
+
+
+def link_kernel(word: int, address: int) -> None:
+    """Have all tables know where a kernel of linked lobes is."""
+    with _making:
+        _addresses[word] = address
+        for tables in _made.values():
+            _write_addresses(tables.linked)

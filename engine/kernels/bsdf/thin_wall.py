@@ -29,6 +29,7 @@ from engine.kernels.bsdf.kinds import (
     THIN_GLASS,
     THIN_TRANSLUCENT,
 )
+from engine.kernels.bsdf.linked import NO_FILM
 from engine.kernels.bsdf.lobe import HairLobe, Lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, sample_microfacet
 from engine.kernels.bsdf.no_lobes import add_transparent
@@ -105,7 +106,7 @@ def add_thin_glass(closures, tables, lane, weight, wo, n, alpha, ior, specular_t
     through = (weight[0] * t0, weight[1] * t1, weight[2] * t2)
     white = (1.0, 1.0, 1.0)
     facets = Facets(n, n, alpha, alpha, True)
-    i = append_microfacet(closures, lane, GLOSSY, reflected, facets, Interface(1.0, white, white, white))
+    i = append_microfacet(closures, lane, GLOSSY, reflected, facets, Interface(1.0, white, white, white, NO_FILM))
     if i >= 0:
         finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, specular_tint)
     alpha = thin_alpha(alpha, ior)
@@ -113,7 +114,7 @@ def add_thin_glass(closures, tables, lane, weight, wo, n, alpha, ior, specular_t
         add_transparent(closures, lane, through)
         return
     facets = Facets(n, n, alpha, alpha, True)
-    i = append_microfacet(closures, lane, THIN_GLASS, through, facets, Interface(1.0, white, white, white))
+    i = append_microfacet(closures, lane, THIN_GLASS, through, facets, Interface(1.0, white, white, white, NO_FILM))
     if i >= 0:
         finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, white)
 

@@ -122,7 +122,6 @@ def test_a_texture_cache_is_named_where_cycles_would_use_it(scene: Any, tmp_path
 
 
 SHADERS = {
-    "ShaderNodeBsdfToon": "Toon",
     "ShaderNodeBsdfRayPortal": "Ray Portal",
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,13 @@ import numpy as np
 import pytest
 
 from tests.helpers.bsdf_harness import (
+    ASHIKHMIN_SHIRLEY,
+    BECKMANN,
     DIFFUSE,
     GGX,
     GLASS,
     GLOSSY,
+    LINKED,
     PRINCIPLED,
     REFRACTION,
     UP,
@@ -31,6 +35,8 @@ ORANGE = (0.8, 0.4, 0.1)
 SUNS = ((0.3, 0.5, 0.9), (-0.5, -0.2, 0.9), (0.1, -0.2, -1.0))
 #: Normal of bumped cases in the frame of their plane.
 BUMP = np.array([0.6, 0.3, 0.75]) / np.linalg.norm([0.6, 0.3, 0.75])
+FILM = {"film_thickness": 420.0, "film_ior": 1.33}
+COPPER = {"color": (0.27, 0.68, 1.32), "specular_tint": (3.61, 2.63, 2.29)}
 PIXELS = 12
 SAMPLES = 512
 
@@ -80,6 +86,36 @@ CASES = [
     Case(GLOSSY, {"color": ORANGE, "roughness": 0.5}, is_bumped=True),
     Case(GLOSSY, {"color": ORANGE, "roughness": 0.0}, is_bumped=True),
     Case(PRINCIPLED, {"color": ORANGE, "coat_weight": 0.7, "sheen_weight": 0.5, "metallic": 0.4}, is_bumped=True),
+    *[Case(GLOSSY, {"color": ORANGE, "roughness": roughness}, BECKMANN) for roughness in (0.0, 0.2, 0.6, 1.0)],
+    Case(GLOSSY, {"color": ORANGE, "roughness": 0.5, "anisotropic": 0.6, "rotation": 0.1}, BECKMANN),
+    Case(GLOSSY, {"color": ORANGE, "roughness": 0.5}, BECKMANN, is_bumped=True),
+    *[Case(GLOSSY, {"color": ORANGE, "roughness": roughness}, ASHIKHMIN_SHIRLEY) for roughness in (0.0, 0.2, 0.6, 1.0)],
+    Case(GLOSSY, {"color": ORANGE, "roughness": 0.5, "anisotropic": -0.6, "rotation": 0.1}, ASHIKHMIN_SHIRLEY),
+    Case(REFRACTION, {"color": ORANGE, "roughness": 0.5, "ior": 1.45}, BECKMANN),
+    Case(REFRACTION, {"color": ORANGE, "roughness": 0.3, "ior": 1.45}, BECKMANN, True),
+    Case(GLASS, {"color": ORANGE, "roughness": 0.5, "ior": 1.5}, BECKMANN),
+    Case(GLASS, {"color": ORANGE, "roughness": 0.5, "ior": 1.5}, BECKMANN, True),
+    Case(GLASS, {"color": ORANGE, "roughness": 0.0, "ior": 1.5, **FILM}),
+    Case(GLASS, {"color": ORANGE, "roughness": 0.4, "ior": 1.5, **FILM}),
+    Case(GLASS, {"color": ORANGE, "roughness": 0.4, "ior": 1.5, **FILM}, is_backfacing=True),
+    Case(GLASS, {"color": ORANGE, "roughness": 0.4, "ior": 1.5, **FILM}, BECKMANN),
+    Case(PRINCIPLED, {"color": ORANGE, **FILM}),
+    Case(PRINCIPLED, {"color": ORANGE, "roughness": 0.2, "film_thickness": 0.5, "film_ior": 2.0}),
+    Case(PRINCIPLED, {"color": ORANGE, "roughness": 0.2, "film_thickness": 1500.0, "film_ior": 1.4}),
+    Case(PRINCIPLED, {"color": ORANGE, "specular_level": 0.2, "specular_tint": (0.2, 0.5, 1.0), **FILM}),
+    Case(PRINCIPLED, {"color": ORANGE, "metallic": 1.0, "roughness": 0.3, **FILM}),
+    Case(PRINCIPLED, {"color": ORANGE, "metallic": 0.6, "specular_tint": (0.2, 0.5, 1.0), "anisotropic": 0.7, **FILM}),
+    Case(PRINCIPLED, {"color": ORANGE, "transmission": 0.7, "roughness": 0.3, **FILM}),
+    Case(PRINCIPLED, {"color": ORANGE, "transmission": 1.0, "roughness": 0.3, **FILM}, is_backfacing=True),
+    *[Case(LINKED, {"which": 9, "roughness": roughness, **COPPER}) for roughness in (0.0, 0.3, 0.9)],
+    Case(LINKED, {"which": 9, "roughness": 0.5, "anisotropic": 0.8, "rotation": 0.1, **COPPER}, BECKMANN),
+    Case(LINKED, {"which": 9, "roughness": 0.4, **COPPER, **FILM}),
+    Case(LINKED, {"which": 8, "roughness": 0.5, "color": ORANGE, "specular_tint": (0.2, 0.5, 1.0)}, BECKMANN),
+    Case(LINKED, {"which": 8, "roughness": 0.3, "color": ORANGE, "specular_tint": (0.2, 0.5, 1.0), **FILM}),
+    *[Case(LINKED, {"which": which, "color": ORANGE, "first": 0.5, "second": 0.2}) for which in (0, 2)],
+    *[Case(LINKED, {"which": which, "color": ORANGE, "first": 0.9, "second": 0.0}) for which in (0, 2)],
+    *[Case(LINKED, {"which": 1, "color": ORANGE, "first": sigma}) for sigma in (0.0, 0.3, 1.0)],
+    Case(LINKED, {"which": 1, "color": ORANGE, "first": 0.6}, is_bumped=True),
 ]
 
 NODES = {
@@ -88,6 +124,29 @@ NODES = {
     REFRACTION: "ShaderNodeBsdfRefraction",
     GLASS: "ShaderNodeBsdfGlass",
     PRINCIPLED: "ShaderNodeBsdfPrincipled",
+}
+DISTRIBUTIONS = ("GGX", "MULTI_GGX", "BECKMANN", "ASHIKHMIN_SHIRLEY")
+LINKED_NODES = {
+    0: "ShaderNodeBsdfToon",
+    1: "ShaderNodeBsdfSheen",
+    2: "ShaderNodeBsdfToon",
+    8: "ShaderNodeBsdfMetallic",
+    9: "ShaderNodeBsdfMetallic",
+}
+LINKED_SETTINGS = {
+    0: ("component", "DIFFUSE"),
+    1: ("distribution", "ASHIKHMIN"),
+    2: ("component", "GLOSSY"),
+    8: ("fresnel_type", "F82"),
+    9: ("fresnel_type", "PHYSICAL_CONDUCTOR"),
+}
+#: Sockets of linked lobes, by what the others call them.
+LINKED_SOCKETS: dict = {
+    0: {"first": ("Size",), "second": ("Smooth",)},
+    1: {"first": ("Roughness",)},
+    2: {"first": ("Size",), "second": ("Smooth",)},
+    8: {"specular_tint": ("Edge Tint",)},
+    9: {"color": ("IOR",), "specular_tint": ("Extinction",)},
 }
 SOCKETS = {
     "color": ("Color", "Base Color"),
@@ -99,6 +158,8 @@ SOCKETS = {
     "specular_tint": ("Specular Tint",),
     "anisotropic": ("Anisotropic", "Anisotropy"),
     "rotation": ("Anisotropic Rotation", "Rotation"),
+    "film_thickness": ("Thin Film Thickness",),
+    "film_ior": ("Thin Film IOR",),
     "transmission": ("Transmission Weight",),
     "coat_weight": ("Coat Weight",),
     "coat_roughness": ("Coat Roughness",),
@@ -118,12 +179,20 @@ def add_plane(bpy: Any, case: Case, column: int, row: int) -> None:
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    node = tree.nodes.new(NODES[case.node])
-    if hasattr(node, "distribution"):
-        node.distribution = "MULTI_GGX" if case.distribution and case.node != REFRACTION else "GGX"
+    which = case.inputs.get("which")
+    node = tree.nodes.new(NODES[case.node] if which is None else LINKED_NODES[which])
+    if case.node == LINKED and which in LINKED_SETTINGS:
+        setattr(node, *LINKED_SETTINGS[which])
+    if hasattr(node, "distribution") and which != 1:
+        is_plain = case.node == REFRACTION and case.distribution < BECKMANN
+        node.distribution = "GGX" if is_plain else DISTRIBUTIONS[case.distribution]
+    sockets = SOCKETS | LINKED_SOCKETS.get(which, {})
     for name, value in case.inputs.items():
-        socket = next(node.inputs[key] for key in SOCKETS[name] if key in node.inputs)
-        socket.default_value = (*value, 1.0) if isinstance(value, tuple) else value
+        if name == "which" or (which == 1 and name == "second"):
+            continue
+        socket = next(node.inputs[key] for key in sockets[name] if key in node.inputs)
+        is_color = isinstance(value, tuple) and len(socket.default_value) == 4
+        socket.default_value = (*value, 1.0) if is_color else value
     if "anisotropic" in case.inputs:
         tangent = tree.nodes.new("ShaderNodeTangent")
         tangent.direction_type = "UV_MAP"
@@ -172,6 +241,7 @@ def render(path: Path) -> None:
     scene.cycles.use_adaptive_sampling = False
     scene.cycles.use_denoising = False
     scene.cycles.sample_clamp_indirect = 0.0
+    scene.cycles.blur_glossy = 0.0
     scene.cycles.light_sampling_threshold = 0.0
     scene.cycles.pixel_filter_type = "BOX"
     scene.cycles.filter_width = 0.01
@@ -250,11 +320,20 @@ def is_impossible_refraction(case: Case, wo: np.ndarray, wi: np.ndarray) -> bool
     return bool(facet @ wo <= 0.0 or facet @ wi >= 0.0)
 
 
+def tolerance(case: Case) -> float:
+    """Relative; Cycles 5.3 differs from 5.0 in films that are seen from within glass (docs/differences.md)."""
+    is_newer = int(version("bpy").split(".")[1]) > 0
+    return 0.02 if is_newer and case.is_backfacing and "film_thickness" in case.inputs else 5e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_albedo_agrees_with_cycles(case: Case, cycles: np.ndarray) -> None:
     # Cycles' own noise is below 0.1% (64 pixels of 512 samples, weights close to 1), ours is smaller.
-    np.testing.assert_allclose(ours(case), cycles[0, CASES.index(case)], rtol=5e-3, atol=5e-4)
+    # At grazing angles its rays that meet Ashikhmin and Shirley's facets from behind go where its light samples have
+    # no such light.
+    rows = slice(0, 3 if case.distribution == ASHIKHMIN_SHIRLEY and case.inputs["roughness"] > 0.2 else None)
+    np.testing.assert_allclose(ours(case)[rows], cycles[0, CASES.index(case), rows], rtol=tolerance(case), atol=5e-4)
 
 
 @pytest.mark.slow
@@ -270,7 +349,7 @@ def test_value_agrees_with_cycles(case: Case, sun: int, cycles: np.ndarray) -> N
             assert not value.any()
         else:
             expected = cycles[1 + sun, CASES.index(case), row]
-            np.testing.assert_allclose(value, expected, rtol=5e-3, atol=2e-5, err_msg=f"cosine {cosine}")
+            np.testing.assert_allclose(value, expected, rtol=tolerance(case), atol=2e-5, err_msg=f"cosine {cosine}")
 
 
 if __name__ == "__main__":
