@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -283,6 +284,8 @@ class GraphExporter:
             properties["attribute_name"] = self._mesh_attribute(node, node.attribute_name)
         elif idname == "ShaderNodeVertexColor":
             properties["layer_name"] = self._mesh_attribute(node, node.layer_name)
+        elif idname == "ShaderNodeTexIES":
+            properties["photometry"] = self._photometry(node)
         if hasattr(node, "image"):
             properties["image"] = index = self._image(node)
             if self._images.is_missing(index) and is_since(MISSING_IMAGES_UNCLIPPED):
@@ -305,6 +308,23 @@ class GraphExporter:
             return -1
         self.reads.add(node.image.original.as_pointer())
         return self._images.export(node.image, node.image_user, subject)
+
+    def _photometry(self, node: bpy.types.ShaderNodeTexIES) -> str:
+        """Text of an IES file; '' if there is none."""
+        if node.mode == "INTERNAL":
+            if node.ies is None:
+                return ""
+            self.reads.add(node.ies.original.as_pointer())
+            return "".join(f"{line.body}\n" for line in node.ies.lines)
+        if not node.filepath:
+            return ""
+        path = bpy.path.abspath(node.filepath, library=node.id_data.library)
+        try:
+            # Makers of lamps write in whatever encoding: numbers are the same in all.
+            return Path(path).read_bytes().decode("latin-1").replace("\r\n", "\n")
+        except OSError as error:
+            self._notice(node, f"cannot read {path}: {error.strerror}", "as without a file")
+            return ""
 
     def _mesh_attribute(self, node: bpy.types.Node, name: str) -> str:
         if name in UNREAD:

@@ -27,6 +27,8 @@ from benchmarks.scenes import (
     plants,
     principled,
     rooms,
+    shape_data,
+    skies,
     spectral,
     subsurface,
     textures,
@@ -37,6 +39,6 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "displaced", "displaced_followers",
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "matter",
-    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms", "spectral",
-    "subsurface", "textures", "wax",
+    "matter_indoors", "matter_large", "media", "motion", "moving_strands", "plants", "principled", "rooms",
+    "shape_data", "skies", "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip

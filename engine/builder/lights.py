@@ -65,6 +65,36 @@ def _write_lamps(lamps: Lamps, emitters: Int32Array) -> None:
     emitters[:, la.EMITTER_VISIBILITY] = lamps.table[:, la.LAMP_VISIBILITY]
 
 
+def _write_discs(
+    environment: EnvironmentMap, world: World | None, program: int, emitters: Int32Array, first: int
+) -> None:
+    """Write the rows of `LightArrays.emitters` of the background's discs and of its map; `first`: row of `distant`."""
+    visibility = world.visibility if world else 0
+    for k, row in enumerate(emitters):
+        disc = k if k < len(environment.discs) else -1
+        row[:] = (la.LIGHT_BACKGROUND, disc, -1, -1, program, 0, ~(first + k), visibility)
+
+
+def _list_distant(environment: EnvironmentMap, lamps: Lamps, local_count: int, first_emitter: int) -> Float32Array:
+    """`LightArrays.distant`: lamps, discs of the background, and its map if there is one."""
+    of_lamps = lamps.distant[local_count:]
+    lamp_count, disc_count = len(of_lamps), len(environment.discs)
+    distant = np.zeros((lamp_count + disc_count + (environment.mean > 0.0), la.DISTANT_WIDTH), np.float32)
+    distant[:, la.DISTANT_EMITTER] = first_emitter + np.arange(len(distant))
+    distant[:lamp_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
+    distant[:lamp_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = of_lamps
+    of_discs = distant[lamp_count : lamp_count + disc_count]
+    cosine = 1.0 - environment.discs[:, la.DISC_ONE_MINUS_COS].astype(np.float64)
+    squared_sine = np.maximum(1.0 - cosine * cosine, 0.0)
+    of_discs[:, :3] = environment.discs[:, la.DISC_AXIS : la.DISC_AXIS + 3]
+    of_discs[:, la.DISTANT_COS] = cosine
+    of_discs[:, la.DISTANT_SIN] = np.sqrt(squared_sine)
+    of_discs[:, la.DISTANT_ENERGY] = math.pi * squared_sine * environment.disc_radiance
+    if environment.mean > 0.0:
+        distant[-1, : la.DISTANT_ENERGY + 1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean)
+    return distant
+
+
 def build_lights(
     description: SceneDescription,
     geometry: GeometryArrays,
@@ -97,10 +127,12 @@ def build_lights(
     local_count, distant_count = int((~is_distant).sum()), int(is_distant.sum())
     lamp_count = local_count + distant_count
     has_background = environment.mean > 0.0
-    emitters = np.zeros((triangle_count + lamp_count + has_background, la.EMITTER_WIDTH), np.int32)
+    discs = environment.discs
+    first_disc = triangle_count + lamp_count
+    emitters = np.zeros((first_disc + len(discs) + has_background, la.EMITTER_WIDTH), np.int32)
     emitters[:triangle_count] = triangles.emitters
     lamps.table[:, la.LAMP_EMITTER] = triangle_count + np.arange(lamp_count)
-    of_lamps = emitters[triangle_count : triangle_count + lamp_count]
+    of_lamps = emitters[triangle_count:first_disc]
     _write_lamps(lamps, of_lamps)
 
     # Those that are infinitely far away come last.
@@ -108,17 +140,10 @@ def build_lights(
     nodes, child, parent, leaf = lt.build_tree(np.ascontiguousarray(bounds, np.float32))
     emitters[: len(leaf), la.EMITTER_NODE] = leaf
 
-    distant = np.zeros((distant_count + has_background, la.DISTANT_WIDTH), np.float32)
     of_lamps[local_count:, la.EMITTER_NODE] = ~np.arange(distant_count)
-    distant[:distant_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
-    distant[:distant_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = lamps.distant[local_count:]
-    distant[:distant_count, la.DISTANT_EMITTER] = triangle_count + local_count + np.arange(distant_count)
-    if has_background:
-        assert world is not None
-        emitters[-1] = (
-            la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, ~distant_count, world.visibility
-        )  # fmt: skip
-        distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, len(emitters) - 1, 0.0)
+    _write_discs(environment, world, program_info.world_program, emitters[first_disc:], distant_count)
+    distant = _list_distant(environment, lamps, local_count, triangle_count + local_count)
+    distant_count += len(discs)
 
     compensated = environment.compensated
     # Where scattering finds other light than sampling does, each has to find all of its own.
@@ -131,6 +156,8 @@ def build_lights(
         world, program_info, lamps, len(emitters), len(cut), len(cut) + distant_count + len(patches)
     )
     header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
+    header[la.HEADER_FIRST_DISC] = first_disc
+    header[la.HEADER_FIRST_PATCH] += len(discs)
     header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
     sources = _sources(geometry, program_info, lamps)
     header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
@@ -138,7 +165,8 @@ def build_lights(
         header=header, nodes=nodes, child=child, parent=parent, distant=distant, emitters=emitters,
         triangles=triangles.rows, sources=np.zeros((0, 4), np.float32) if sources is None else sources,
         lamps=lamps.values, lamp_table=lamps.table, lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
-        map_marginal=environment.marginal, map_conditional=environment.conditional, map_guide=environment.guide,
+        discs=discs, map_marginal=environment.marginal, map_conditional=environment.conditional,
+        map_guide=environment.guide,
         compensated_marginal=compensated.marginal, compensated_conditional=compensated.conditional,
         compensated_guide=compensated.guide, map_patches=patches, node_cluster=node_cluster, cluster_node=cut,
         cluster_share=np.concatenate([np.ones(len(cut) + distant_count, np.float32), patch_share]),

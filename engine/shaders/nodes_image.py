@@ -95,10 +95,6 @@ def _bevel(node: Node, builder: Any) -> Operation:
 NODES: NodeTable = {
     "ShaderNodeTexImage": _image,
     "ShaderNodeTexEnvironment": _environment,
-    "ShaderNodeTexSky": _replaced(
-        "Sky Texture is not supported", {"Color": (COLOR, (0.27, 0.42, 0.68))}, "a constant blue"
-    ),
-    "ShaderNodeTexIES": _replaced("IES Texture is not supported", {"Fac": (FLOAT, 1.0)}, "1 in every direction"),
     "ShaderNodeWireframe": _replaced("Wireframe is not supported", {"Fac": (FLOAT, 0.0)}, "0, no wires"),
     "ShaderNodeAmbientOcclusion": _occlusion,
     "ShaderNodeBevel": _bevel,

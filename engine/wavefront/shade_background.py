@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT
-from engine.kernels.lights import background_pdf
+from engine.kernels.lights import background_emitter, background_pdf
 from engine.kernels.path_depths import store_depths
 from engine.kernels.radiance import add_emission, add_seen, show_left_out, weigh_found
 from engine.kernels.vector import load
@@ -40,7 +40,6 @@ from engine.state.lanes import (
     RAY_VISIBILITY,
     RGB,
 )
-from engine.state.lights import HEADER_BACKGROUND_EMITTER
 from engine.state.shaders import VALUE_EMISSION
 from engine.wavefront.columns import (
     SCENE_WORLD_GROUP,
@@ -136,16 +135,17 @@ def shade_background(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 leaves_dim = (flags & RAY_MIS_FINDS_ALL) != 0
+                direction = load(paths.direction, lane)
                 pdf = background_pdf(
                     lights,
                     load(paths.mis_origin, lane),
                     load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
                     leaves_dim,
-                    load(paths.direction, lane),
+                    direction,
                 )
                 weight, unguided = weigh_found(
-                    options, lights, paths, lane, lights.header[HEADER_BACKGROUND_EMITTER], leaves_dim, pdf
+                    options, lights, paths, lane, background_emitter(lights, direction), leaves_dim, pdf
                 )
             share = add_emission(
                 options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided, group,

@@ -12,6 +12,7 @@ from engine.kernels.lights.lamps import (
 from engine.kernels.lights.light import Choice, LightSample, Receiver
 from engine.kernels.lights.sample import (
     ask_for_cell,
+    background_emitter,
     background_pdf,
     choose_emitter,
     cluster_choice,
@@ -36,6 +37,7 @@ __all__ = [
     "LightSample",
     "Receiver",
     "ask_for_cell",
+    "background_emitter",
     "background_pdf",
     "choose_emitter",
     "cluster_choice",
