@@ -31,7 +31,7 @@ def _colored(nodes: Nodes, factor: Socket) -> Socket:
     return nodes("BsdfDiffuse", Color=hue)
 
 
-@scene("random-per-island")
+@scene("random-per-island", samples=32)
 def random_per_island() -> None:
     """Cubes of one mesh, each in a colour of its own."""
     stage()
@@ -50,7 +50,7 @@ def random_per_island() -> None:
     add_object("Cubes", mesh("Cubes", corners, faces, surface))
 
 
-@scene("pointiness")
+@scene("pointiness", samples=32)
 def pointiness() -> None:
     """Edges and hollows of a lumpy sphere and of a box."""
     stage()
@@ -68,7 +68,7 @@ def pointiness() -> None:
     data.update()
 
 
-@scene("particle-info")
+@scene("particle-info", samples=32)
 def particle_info() -> None:
     """Boxes at particles, coloured by index, age, size and speed."""
     stage()
@@ -128,7 +128,7 @@ def _luminaire(name: str, kind: str, text: str, location: tuple[float, ...], **p
     return lamp
 
 
-@scene("light-ies", samples=96)
+@scene("light-ies")
 def ies() -> None:
     """Lamps with photometric files of types A, B and C, one of them turned, one linked to Normal."""
     stage()
