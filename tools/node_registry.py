@@ -91,6 +91,8 @@ def variants(tree: Any, kind: str) -> Iterator[Any]:
         if prop.type != "ENUM" or prop.is_enum_flag:
             continue
         before = getattr(node, name)
+        if not before:  # It offers what other nodes of the tree make.
+            continue
         for item in prop.enum_items_static:
             try:
                 setattr(node, name, item.identifier)
