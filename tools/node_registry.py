@@ -17,7 +17,8 @@ from engine.shaders.compiler import compile_programs
 
 #: Resolved by the export, or no nodes that anything could be linked from.
 STRUCTURE = {
-    "NodeFrame", "NodeGroupInput", "NodeGroupOutput", "NodeReroute", "ShaderNodeGroup", "ShaderNodeCustomGroup",
+    "GeometryNodeMenuSwitch", "NodeFrame", "NodeGroupInput", "NodeGroupOutput", "NodeReroute", "ShaderNodeGroup",
+    "ShaderNodeCustomGroup",
     "ShaderNodeOutputAOV", "ShaderNodeOutputLight", "ShaderNodeOutputLineStyle", "ShaderNodeOutputMaterial",
     "ShaderNodeOutputWorld",
 }  # fmt: skip

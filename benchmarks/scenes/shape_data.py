@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What materials read of a mesh's shape and of particles, and lamps with photometric files."""
+"""What materials read of a mesh's shape, of particles and of menus, and lamps with photometric files."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from benchmarks.scenes.studio import (
     add_object,
     box,
     light,
+    lit_stage,
     material,
     mesh,
     show,
@@ -144,3 +145,23 @@ def ies() -> None:
     tree = lamp.data.node_tree
     node = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeTexIES")
     tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Normal"], node.inputs["Vector"])
+
+
+@scene("menu-switch", samples=32)
+def menu_switch() -> None:
+    """A sphere and a box of two choices of a menu, which says to other inputs what it has chosen."""
+    lit_stage()
+
+    def choosing(chosen: str) -> Any:
+        def surface(nodes: Nodes) -> Socket:
+            switch = nodes.tree.nodes.new("GeometryNodeMenuSwitch")
+            switch.data_type = "RGBA"
+            switch.inputs[0].default_value = chosen
+            switch.inputs[1].default_value = (0.8, 0.1, 0.1, 1.0)
+            nodes.tree.links.new(nodes("TexChecker", Scale=6.0), switch.inputs[2])
+            return nodes("BsdfPrincipled", Base_Color=switch.outputs[0], Metallic=switch.outputs[1])
+
+        return material(f"choice {chosen}", surface)
+
+    add_object("Sphere", sphere("Sphere", choosing("A"), 0.8), (-0.75, 0.0, 0.8))
+    add_object("Box", box("Box", choosing("B")), (0.85, -0.2, 0.72), (20, 10, 35))
