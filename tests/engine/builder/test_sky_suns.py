@@ -14,6 +14,7 @@ from engine.builder.environment import EnvironmentMap, build_environment_map, wi
 from engine.builder.sky_suns import SkySuns, find_sky_suns
 from engine.scene.description import Link, Node, NodeGraph, World
 from engine.shaders.nodes_sky import Sun, sun_angles
+from engine.state.lights import HEADER_CLUSTERS
 
 UP = (0.0, 0.0, 1.0)
 SUNS = SkySuns((Sun((0.0, 0.6, 0.8), 0.01), Sun((0.6, 0.0, 0.8), 0.2)))
@@ -68,10 +69,17 @@ def test_points_of_a_disc_lie_in_it() -> None:
         assert (angle < sun.half_angle).all() and angle.max() > 0.9 * sun.half_angle
 
 
-def test_every_direction_is_drawn_by_one_of_map_and_suns() -> None:
+@pytest.mark.parametrize("is_learned", [False, True])
+def test_every_direction_is_drawn_by_one_of_map_and_suns(is_learned: bool) -> None:
     """The density of a hit is that of the sample, and its integral is 1 but for what the map draws within discs."""
     world = World("w", "World", None)
-    lights, geometry = probe.build(probe.make_description(world=world), background=_environment())
+    # A lamp stands before the suns in all lists.
+    lamps = [probe.lamp("SUN", angle=0.1, energy=1e-3)]
+    lights, geometry = probe.build(probe.make_description(lamps, world=world), background=_environment())
+    if is_learned:
+        probability = np.ones(lights.header[HEADER_CLUSTERS])
+        probability[:3] = 1e-9, 60.0, 60.0
+        lights = probe.with_selection(lights, probability)
     generator = np.random.default_rng(4)
     samples = probe.draw(lights, geometry, (0, 0, 0), UP, generator.random((40_000, 3), np.float32))
     pdf, wi = samples[:, probe.PDF], samples[:, probe.WI : probe.WI + 3]
