@@ -147,7 +147,12 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
     "addon/engine.py": {"', '.join(missing)": "Shadow, Render Time", "name": "ViewLayer"},
     "addon/export/images.py": {"bpy.path.abspath(image.filepath)": "/scenes/wood.png", "most / 2 ** 30": "16.0"},
     "addon/export/instances.py": {"attribute": "tint"},
-    "addon/export/nodes.py": {"name": "pointiness", "socket.name": "Base Color"},
+    "addon/export/nodes.py": {
+        "name": "generated_transform",
+        "socket.name": "Base Color",
+        "path": "/lamps/spot.ies",
+        "error.strerror": "No such file or directory",
+    },
     "addon/export/scene.py": {"name": "ACEScg"},
     "addon/export/unsupported.py": {"level": "6", "modifier.render_levels": "11"},
     "addon/export/volumes.py": {"', '.join(names) or 'it has none'": "density", "path": "/caches/smoke_0001.vdb"},
@@ -169,6 +174,13 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
         "size >> 20": "2048",
         "name": "regions",
         "kind": "float64",
+    },
+    "engine/shaders/nodes_ies.py": {"str(error)": "photometric data ends too early"},
+    "engine/shaders/photometry.py": {
+        "missing": "lacks a number before 'lumens'",
+        "v_count": "0",
+        "h_count": "1",
+        "kind": "7",
     },
     "engine/render/sequence.py": {"settings.source": "VMM", "mixtures": "NPM, NPM_PRODUCT, NASG"},
     "engine/render/session.py": {

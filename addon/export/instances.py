@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array
+from engine.scene.attribute_names import PARTICLE
 from engine.scene.description import (
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
@@ -33,6 +34,7 @@ from .instance_attributes import PATH_LENGTH, InstanceAttributes, can_read_insta
 from .materials import MaterialExporter
 from .object_properties import NOTHING, Value, find_property
 from .particle_hair import ParticleHair, hair_systems
+from .particles import read_particles
 from .shutter import VECTOR_STEPS, motion_step_count, uses_deform_motion
 from .unsupported import notice_object
 
@@ -386,7 +388,11 @@ def _read_arrays(context: ExportContext, materials: MaterialExporter, result: Ap
 def _read_properties(context: ExportContext, result: Appearances) -> None:
     """What materials read of each instance: of its object or instancer, or before that what geometry nodes gave it."""
     kinds = result.kinds
-    for name in sorted({name for kind in kinds for name in kind.properties}):
+    of_particles = sorted({name for kind in kinds for name in kind.properties if name.startswith(PARTICLE)})
+    if of_particles:
+        reads = np.array([any(name in kind.properties for name in of_particles) for kind in kinds] + [False])
+        result.properties |= read_particles(context, reads[result.kind], of_particles)
+    for name in sorted({name for kind in kinds for name in kind.properties} - set(of_particles)):
         of_kinds = np.array([*(kind.properties.get(name, NOTHING) for kind in kinds), NOTHING], np.float32)
         result.properties[name] = of_kinds[result.kind]
     makers = {kind.instancer.as_pointer(): kind.instancer for kind in kinds if kind.of_instances and kind.instancer}

@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 
+from engine.scene.attribute_names import GEOMETRY_ATTRIBUTES, PARTICLE, PARTICLE_OUTPUTS
 from engine.scene.description import Link, Material, Node, NodeGraph
 from engine.scene.digest import content_digest
 
@@ -202,6 +203,10 @@ def attribute_request(graph: NodeGraph | None, *, has_smooth_voxels: bool = Fals
             names.update(_CURVE_ATTRIBUTES[node.kind])
             if node.properties.get("model") == "HUANG":
                 names.add("curve_normal")
+        elif node.kind == "ShaderNodeNewGeometry":
+            names.update(name for output, name in GEOMETRY_ATTRIBUTES.items() if (index, output) in linked)
+        elif node.kind == "ShaderNodeParticleInfo":
+            properties.update(f"{PARTICLE}{output}" for output in PARTICLE_OUTPUTS if (index, output) in linked)
         elif node.kind == "ShaderNodeVertexColor":
             names.add(node.properties["layer_name"])
         elif node.kind == "ShaderNodeNormalMap" and node.properties["space"] == "TANGENT":

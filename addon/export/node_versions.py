@@ -117,6 +117,8 @@ def modernize(node: Node, index: int) -> list[Node]:
         before = _walk_as_before(node, index)
     if node.kind == "ShaderNodeTexSky" and "dust_density" in node.properties:
         node.properties["aerosol_density"] = node.properties.pop("dust_density")
+        if node.properties.get("sky_type") == "NISHITA":
+            node.properties["sky_type"] = "SINGLE_SCATTERING"
     return [*before, node]
 
 

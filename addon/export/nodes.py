@@ -21,6 +21,7 @@ from .node_defaults import changed_parts
 from .node_tables import bake_constant, bake_curves, bake_ramp
 from .node_versions import modernize
 from .object_properties import read_property
+from .photometry import read_photometry
 from .standard_attributes import UNREAD, attribute_name
 
 #: Linear Rec.709 luminance: what a typed-in colour becomes on a float socket in any working space. Blender makes it so,
@@ -37,6 +38,8 @@ _SIMPLE_PROPERTIES = ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
 _OUTPUTS = ("ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld")
 #: Nodes whose value is edited on their own output socket.
 _VALUE_ON_OUTPUT = ("ShaderNodeValue", "ShaderNodeRGB", "ShaderNodeNormal")
+#: Nodes that hand on what one of their inputs carries.
+_PASSED = ("NodeReroute", "NodeGroupInput", "GeometryNodeMenuSwitch")
 #: Nodes whose value is a property.
 _VALUE_PROPERTY = {
     "FunctionNodeInputBool": "boolean",
@@ -150,7 +153,7 @@ class GraphExporter:
         """What an output socket carries."""
         address = node.as_pointer()
         # Reroutes, muted nodes and group boundaries may form a loop of their own, without a node to stop at.
-        passes = node.mute or node.bl_idname in ("NodeReroute", "NodeGroupInput") or hasattr(node, "node_tree")
+        passes = node.mute or node.bl_idname in _PASSED or hasattr(node, "node_tree")
         mark = socket.as_pointer() if passes else address
         if mark in tree.unfinished:
             self._notice(node, "is part of a loop of links", "the loop is cut open there")
@@ -165,6 +168,8 @@ class GraphExporter:
                 return self._group_input(tree, socket)
             if hasattr(node, "node_tree"):
                 return self._group(tree, node, socket)
+            if node.bl_idname == "GeometryNodeMenuSwitch":
+                return self._menu_switch(tree, node, socket)
             if address not in tree.finished:
                 tree.finished[address] = self._node(tree, node)
             return _renamed_output(self._graph.nodes[tree.finished[address]], tree.finished[address], socket)
@@ -180,6 +185,21 @@ class GraphExporter:
             if internal.to_socket == socket:
                 return self._through(tree, internal.from_socket, socket)
         return None
+
+    def _menu_switch(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+        """What the input carries that a menu has chosen, or whether it is the one of `socket`.
+
+        Blender too chooses before Cycles sees the tree.
+        """
+        chosen = self._input(tree, node.inputs[0])
+        names = [item.name for item in node.enum_items]
+        if chosen not in names:
+            self._notice(node, "has a menu that is not constant", "as if it were not linked")
+            return None
+        row = 1 + names.index(chosen)
+        if socket.identifier != "Output":
+            return node.outputs[row].identifier == socket.identifier
+        return self._convert(self._input(tree, node.inputs[row]), node.inputs[row].type, socket.type)
 
     def _group_input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
         if tree.parent is None or tree.group is None:
@@ -285,6 +305,8 @@ class GraphExporter:
             properties["attribute_name"] = self._mesh_attribute(node, node.attribute_name)
         elif idname == "ShaderNodeVertexColor":
             properties["layer_name"] = self._mesh_attribute(node, node.layer_name)
+        elif idname == "ShaderNodeTexIES":
+            properties["photometry"] = self._photometry(node)
         if hasattr(node, "image"):
             properties["image"] = index = self._image(node)
             if self._images.is_missing(index) and is_since(MISSING_IMAGES_UNCLIPPED):
@@ -307,6 +329,16 @@ class GraphExporter:
             return -1
         self.reads.add(node.image.original.as_pointer())
         return self._images.export(node.image, node.image_user, subject)
+
+    def _photometry(self, node: bpy.types.ShaderNodeTexIES) -> str:
+        """Text of an IES file; '' if there is none, or none that can be read."""
+        if node.mode == "INTERNAL" and node.ies is not None:
+            self.reads.add(node.ies.original.as_pointer())
+        try:
+            return read_photometry(node)
+        except ValueError as error:
+            self._notice(node, str(error), "as without a file")
+            return ""
 
     def _mesh_attribute(self, node: bpy.types.Node, name: str) -> str:
         if name in UNREAD:

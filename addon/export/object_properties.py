@@ -8,6 +8,8 @@ from typing import Any
 
 import bpy
 
+from engine.scene.attribute_names import PARTICLE
+
 Value = tuple[float, float, float, float]
 
 #: Where no one has a property.
@@ -24,9 +26,12 @@ def find_property(item: bpy.types.DepsgraphObjectInstance, request: str) -> tupl
     Parameters
     ----------
     request : str
-        "object:name", or "instancer:name" to ask the particle system and the instancer first.
+        "object:name", or "instancer:name" to ask the particle system and the instancer first. Of "particle:name" no
+        object knows anything.
     """
     kind, _, name = request.partition(":")
+    if request.startswith(PARTICLE):
+        return NOTHING, False
     owners: list[Any] = []
     is_instanced = kind == "instancer" and item.is_instance
     if is_instanced:

@@ -17,6 +17,7 @@ from engine.scene.tangents import compute_tangents
 
 from ..versions import NORMALS_AS_ATTRIBUTES, OWN_ATTRIBUTES_FIRST, is_since
 from .attributes import read_attribute
+from .mesh_shape import pointiness, random_per_island
 from .normals import has_normals_of_corners, read_corner_normals, read_flat_triangles, read_vertex_normals
 from .positions import read_undeformed
 from .topology import Topology, gather
@@ -45,7 +46,7 @@ _ELSEWHERE = frozenset({
 })  # fmt: skip
 
 #: What is not read, and is 0.
-UNREAD = frozenset({"pointiness", "random_per_island", "generated_transform"})
+UNREAD = frozenset({"generated_transform"})
 
 
 def attribute_name(name: str) -> str:
@@ -101,6 +102,10 @@ def read_standard(
         return Attribute("POINT", _generated(mesh, exported))
     if name == "N":
         return _normals(mesh, topology)
+    if name == "pointiness":
+        return Attribute("POINT", pointiness(mesh))
+    if name == "random_per_island":
+        return Attribute("FACE", random_per_island(mesh, topology))
     return None
 
 

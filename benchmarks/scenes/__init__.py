@@ -32,6 +32,8 @@ from benchmarks.scenes import (
     plants,
     principled,
     rooms,
+    shape_data,
+    skies,
     spectral,
     subsurface,
     textures,
@@ -43,5 +45,6 @@ __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked",
     "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
-    "patterned_lamps", "plants", "principled", "rooms", "spectral", "subsurface", "textures", "wax",
+    "patterned_lamps", "plants", "principled", "rooms", "shape_data", "skies", "spectral", "subsurface", "textures",
+    "wax",
 ]  # fmt: skip

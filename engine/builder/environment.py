@@ -7,12 +7,12 @@ Multiple Importance Sampling".
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.state.lights import MAP_GUIDE_SIZE
+from engine.state.lights import DISC_AXIS, DISC_ONE_MINUS_COS, DISC_WIDTH, MAP_GUIDE_SIZE
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,10 @@ class EnvironmentMap:
         Mean radiance over the sphere and the channels; 0: there is nothing to sample.
     compensated : EnvironmentMap or None
         Tables of what is brighter than the mean, for surfaces that find the rest by scattering; None: the same.
+    discs : float32 (K, DISC_WIDTH)
+        What the tables leave out, to be sampled apart.
+    disc_radiance : float32 (K,) [W m^-2 sr^-1]
+        Its mean over each disc and the channels.
     """
 
     marginal: Float32Array
@@ -38,6 +42,8 @@ class EnvironmentMap:
     guide: Int32Array
     mean: float
     compensated: EnvironmentMap | None = None
+    discs: Float32Array = field(default_factory=lambda: np.zeros((0, DISC_WIDTH), np.float32))
+    disc_radiance: Float32Array = field(default_factory=lambda: np.zeros(0, np.float32))
 
 
 def _bilinear_mass(values: np.ndarray) -> np.ndarray:
@@ -106,6 +112,19 @@ def build_environment_map(radiance: Float32Array) -> EnvironmentMap:
     if not above.max(initial=0.0) > 1e-3 * environment.mean:
         return environment
     return replace(environment, compensated=_tables(above))
+
+
+def without_discs(radiance: Float32Array, discs: Float32Array) -> Float32Array:
+    """A grid as `build_environment_map` takes it, black at centres of cells that lie in discs, (K, DISC_WIDTH)."""
+    height, width = radiance.shape[:2]
+    latitude = np.pi * ((np.arange(height) + 0.5) / height - 0.5)
+    longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
+    result = radiance.copy() if len(discs) else radiance
+    for disc in discs:
+        x, y, z = disc[DISC_AXIS : DISC_AXIS + 3]
+        cosine = np.outer(np.cos(latitude), x * np.cos(longitude) + y * np.sin(longitude))
+        result[cosine + (z * np.sin(latitude))[:, None] >= 1.0 - disc[DISC_ONE_MINUS_COS]] = 0.0
+    return result
 
 
 def _tables(values: np.ndarray) -> EnvironmentMap:

@@ -17,7 +17,7 @@ from engine.state.lights import LightLinks
 
 @dataclass
 class Emitters:
-    """All emitters of a scene, each once: triangles, lamps, the background.
+    """All emitters of a scene, each once: triangles, lamps, discs of the background, its map.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Emitters:
     distant : float32 (D, DISTANT_WIDTH)
         Of the others.
     has_background : bool
-        Whether the last one is the background.
+        Whether the last one is the background's map.
     """
 
     table: Int32Array
@@ -87,6 +87,11 @@ def _bits(columns: np.ndarray) -> np.ndarray:
     return (columns.astype(np.int64) << np.arange(len(columns))[:, None]).sum(axis=0)
 
 
+def lamp_rows(emitters: Int32Array) -> Int32Array:
+    """Row of each emitter's lamp, int32 (E,); -1 of triangles, and of the background, whose discs are no lamps."""
+    return np.where(emitters[:, la.EMITTER_KIND] == la.LIGHT_BACKGROUND, -1, emitters[:, la.EMITTER_LAMP])
+
+
 def find_sight(
     linking: Linking | None, emitters: Int32Array, lamp_light: Int32Array, *, is_wanted: bool
 ) -> Sight | None:
@@ -103,7 +108,7 @@ def find_sight(
         return None
     of_surfaces, of_lamps = linking.surface_receivers, linking.lamp_receivers[lamp_light]
     bits = np.full(len(emitters), np.uint64(2**64 - 1))
-    lamp, instance = emitters[:, la.EMITTER_LAMP], emitters[:, la.EMITTER_INSTANCE]
+    lamp, instance = lamp_rows(emitters), emitters[:, la.EMITTER_INSTANCE]
     bits[lamp >= 0] = of_lamps[lamp[lamp >= 0]]
     bits[instance >= 0] = of_surfaces[instance[instance >= 0]]
     sets = np.unique(np.append(linking.receiver_set, 0)).tolist()

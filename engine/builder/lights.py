@@ -14,7 +14,7 @@ from engine.builder.emissive_triangles import find_sources, find_triangles
 from engine.builder.environment import EnvironmentMap, empty_map
 from engine.builder.lamps import Lamps, convert_lamps
 from engine.builder.light_clusters import divide_map
-from engine.builder.light_forest import Emitters, Forest, build_forest, find_sight
+from engine.builder.light_forest import Emitters, Forest, build_forest, find_sight, lamp_rows
 from engine.scene.description import Notice, SceneDescription, World
 from engine.state import lights as la
 from engine.state.geometry import GeometryArrays
@@ -71,7 +71,7 @@ def _link_shadows(forest: Forest, blockers: Blockers | None, lamps: Lamps) -> Li
     if blockers is None:
         return forest.links._replace(blockers=masks)
     of_lamps = blockers.lamps[lamps.table[:, la.LAMP_LIGHT]]
-    lamp, instance = forest.emitters[:, la.EMITTER_LAMP], forest.emitters[:, la.EMITTER_INSTANCE]
+    lamp, instance = lamp_rows(forest.emitters), forest.emitters[:, la.EMITTER_INSTANCE]
     masks[lamp >= 0, 0] = of_lamps[lamp[lamp >= 0]]
     masks[instance >= 0, 0] = blockers.surfaces[instance[instance >= 0]]
     hides = of_lamps != 0
@@ -93,6 +93,36 @@ def _cluster_share(forest: Forest, patch_share: Float32Array) -> Float32Array:
         of_distant = of_distant[~forest.is_background]
     of_nodes = np.ones(len(forest.cluster_node), np.float32)
     return np.concatenate([of_nodes, of_distant, np.tile(patch_share, tree_count)])
+
+
+def _write_discs(
+    environment: EnvironmentMap, world: World | None, program: int, emitters: Int32Array, first: int
+) -> None:
+    """Write the rows of `LightArrays.emitters` of the background's discs and of its map; `first`: row of `distant`."""
+    visibility = world.visibility if world else 0
+    for k, row in enumerate(emitters):
+        disc = k if k < len(environment.discs) else -1
+        row[:] = (la.LIGHT_BACKGROUND, disc, -1, -1, program, 0, ~(first + k), visibility)
+
+
+def _list_distant(environment: EnvironmentMap, lamps: Lamps, local_count: int, first_emitter: int) -> Float32Array:
+    """`LightArrays.distant`: lamps, discs of the background, and its map if there is one."""
+    of_lamps = lamps.distant[local_count:]
+    lamp_count, disc_count = len(of_lamps), len(environment.discs)
+    distant = np.zeros((lamp_count + disc_count + (environment.mean > 0.0), la.DISTANT_WIDTH), np.float32)
+    distant[:, la.DISTANT_EMITTER] = first_emitter + np.arange(len(distant))
+    distant[:lamp_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
+    distant[:lamp_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = of_lamps
+    of_discs = distant[lamp_count : lamp_count + disc_count]
+    cosine = 1.0 - environment.discs[:, la.DISC_ONE_MINUS_COS].astype(np.float64)
+    squared_sine = np.maximum(1.0 - cosine * cosine, 0.0)
+    of_discs[:, :3] = environment.discs[:, la.DISC_AXIS : la.DISC_AXIS + 3]
+    of_discs[:, la.DISTANT_COS] = cosine
+    of_discs[:, la.DISTANT_SIN] = np.sqrt(squared_sine)
+    of_discs[:, la.DISTANT_ENERGY] = math.pi * squared_sine * environment.disc_radiance
+    if environment.mean > 0.0:
+        distant[-1, : la.DISTANT_ENERGY + 1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean)
+    return distant
 
 
 def build_lights(
@@ -127,19 +157,16 @@ def build_lights(
     local_count, distant_count = int((~is_distant).sum()), int(is_distant.sum())
     lamp_count = local_count + distant_count
     has_background = environment.mean > 0.0
-    emitters = np.zeros((triangle_count + lamp_count + has_background, la.EMITTER_WIDTH), np.int32)
+    discs = environment.discs
+    first_disc = triangle_count + lamp_count
+    emitters = np.zeros((first_disc + len(discs) + has_background, la.EMITTER_WIDTH), np.int32)
     emitters[:triangle_count] = triangles.emitters
     lamps.table[:, la.LAMP_EMITTER] = triangle_count + np.arange(lamp_count)
-    of_lamps = emitters[triangle_count : triangle_count + lamp_count]
+    of_lamps = emitters[triangle_count:first_disc]
     _write_lamps(lamps, of_lamps)
 
-    distant = np.zeros((distant_count + has_background, la.DISTANT_WIDTH), np.float32)
-    distant[:distant_count, :3] = lamps.values[local_count:, la.LAMP_P : la.LAMP_P + 3]
-    distant[:distant_count, la.DISTANT_COS : la.DISTANT_ENERGY + 1] = lamps.distant[local_count:]
-    if has_background:
-        assert world is not None
-        emitters[-1] = (la.LIGHT_BACKGROUND, -1, -1, -1, program_info.world_program, 0, 0, world.visibility)
-        distant[-1] = (0.0, 0.0, 1.0, -1.0, 0.0, math.pi * environment.mean, 0.0, 0.0)
+    _write_discs(environment, world, program_info.world_program, emitters[first_disc:], distant_count)
+    distant = _list_distant(environment, lamps, local_count, triangle_count + local_count)
     # Those that are infinitely far away come last.
     bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
     blockers = find_blockers(description.linking)
@@ -162,6 +189,7 @@ def build_lights(
     header[la.HEADER_FIRST_PATCH] = len(cluster_share) - forest.patch_count
     header[la.HEADER_UNLINKED] = len(emitters)
     header[la.HEADER_BACKGROUND_EMITTER] = len(emitters) - 1 if has_background else -1
+    header[la.HEADER_FIRST_DISC] = first_disc
     header[la.HEADER_BANDS], header[la.HEADER_SECTORS] = bands, sectors
     sources = _sources(geometry, program_info, lamps)
     header[la.HEADER_SOURCES] = -1 if sources is None else len(sources)
@@ -170,7 +198,8 @@ def build_lights(
         emitters=forest.emitters, triangles=forest.triangles,
         sources=np.zeros((0, 4), np.float32) if sources is None else sources, lamps=lamps.values,
         lamp_table=lamps.table, varying=_varying(lamps), lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
-        map_marginal=environment.marginal, map_conditional=environment.conditional, map_guide=environment.guide,
+        discs=discs, map_marginal=environment.marginal, map_conditional=environment.conditional,
+        map_guide=environment.guide,
         compensated_marginal=compensated.marginal, compensated_conditional=compensated.conditional,
         compensated_guide=compensated.guide, map_patches=patches, node_cluster=forest.node_cluster,
         cluster_node=forest.cluster_node, cluster_share=cluster_share, selection=no_selection(), links=links,

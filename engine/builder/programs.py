@@ -12,8 +12,9 @@ from engine.array_types import Float32Array, Int32Array
 from engine.builder.camera_spaces import camera_matrices
 from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
 from engine.builder.point_batches import PointBatches
+from engine.builder.sky_suns import find_sky_suns
 from engine.kernels.bsdf import BsdfTables
-from engine.scene.description import Link, Material, Node, NodeGraph, Notice, SceneDescription
+from engine.scene.description import Light, Link, Material, Node, NodeGraph, Notice, SceneDescription
 from engine.shaders.aov_columns import aov_columns
 from engine.shaders.compiled_program import AovColumns, ProgramSource
 from engine.shaders.compiler import compile_programs
@@ -45,6 +46,8 @@ from engine.state.shaders import (
 #: Width of the map a procedural world is sampled by, and the largest that an image gets.
 _DEFAULT_MAP_WIDTH = 1024
 _LARGEST_MAP_WIDTH = 4096
+#: Nodes of lamps that read the lamp's own space.
+_LOCAL_NODES = ("ShaderNodeTexIES", "ShaderNodeTexCoord")
 
 
 @dataclass
@@ -107,6 +110,12 @@ class Programs:
             ],
             axis=-1,
         ).reshape(-1, 3)
+        return self.background_radiance(directions, geometry, tables, threads).reshape(height, width, 3)
+
+    def background_radiance(
+        self, directions: np.ndarray, geometry: GeometryArrays, tables: BsdfTables, threads: int = 1
+    ) -> Float32Array:
+        """The world's radiance in directions, (N, 3): float32 (N, 3); 0 where it is not finite."""
         radiance = np.empty((len(directions), 3), np.float32)
         # A whole number of batches for each thread.
         size = -(-len(directions) // (threads * LANE_COUNT)) * LANE_COUNT
@@ -114,7 +123,7 @@ class Programs:
         with ThreadPoolExecutor(threads, thread_name_prefix="background") as pool:
             list(pool.map(lambda part: self._look_at(directions[part], geometry, tables, radiance[part]), parts))
         radiance[~np.isfinite(radiance)] = 0.0
-        return radiance.reshape(height, width, 3)
+        return radiance
 
     def _look_at(
         self, directions: np.ndarray, geometry: GeometryArrays, tables: BsdfTables, radiance: Float32Array
@@ -139,6 +148,8 @@ class Programs:
                 image = node.properties.get("image", -1)
                 if isinstance(image, int) and 0 <= image < len(self.description.images):
                     widths.append(self.description.images[image].pixels.shape[1])
+        if find_sky_suns(world).has_others:
+            return _LARGEST_MAP_WIDTH
         return max(*widths, _DEFAULT_MAP_WIDTH)
 
 
@@ -187,7 +198,8 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
     for index, light in enumerate(description.lights):
         if light.graph is not None:
             light_programs[index] = len(sources)
-            sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT"))
+            axes = _lamp_axes(light)
+            sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT", lamp_axes=axes))
     displacement_programs = np.full(len(description.materials), -1, np.int32)
     for index, material in enumerate(description.materials):
         if displaces(material):
@@ -201,6 +213,15 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
         arrays, attribute_names, notices, default_program, world_program, light_programs, displacement_programs,
         description,
     )
+
+
+def _lamp_axes(light: Light) -> tuple[tuple[float, ...], ...] | None:
+    """Axes of a lamp whose graph reads its own space, so that those of others are compiled once for all places."""
+    assert light.graph is not None
+    if not any(node.kind in _LOCAL_NODES for node in light.graph.nodes):
+        return None
+    axes = np.asarray(light.transform, np.float64)[:3, :3].T
+    return tuple(tuple(row) for row in axes.tolist()) if np.isfinite(axes).all() else None
 
 
 def displaces(material: Material) -> bool:

@@ -20,7 +20,7 @@ from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
 from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
-from engine.builder.environment import EnvironmentMap, build_environment_map
+from engine.builder.environment import EnvironmentMap, build_environment_map, without_discs
 from engine.builder.geometry import GeometryCache, build_geometry
 from engine.builder.lamps import places_of_flat
 from engine.builder.lights import build_lights
@@ -28,6 +28,7 @@ from engine.builder.majorants import KeptBounds
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.builder.same_place import SamePlace, find_same_place
+from engine.builder.sky_suns import find_sky_suns
 from engine.kernels.bsdf import BsdfTables, load_tables
 from engine.kernels.bsdf.linked_lobes import link_used
 from engine.scene.attribute_names import UNDEFORMED
@@ -248,8 +249,25 @@ def _build_environment(
     seen = programs.arrays.camera.tobytes() if program.sees_camera else b""
     return cache.environment.get(
         (program, cache.programs.images.version, width, seen),
-        lambda: build_environment_map(programs.background_grid(width, geometry, tables, threads)),
+        lambda: _map_environment(programs, width, geometry, tables, threads),
     )
+
+
+def _map_environment(
+    programs: Programs, width: int, geometry: GeometryArrays, tables: BsdfTables, threads: int
+) -> EnvironmentMap:
+    """The map of the world without the suns of its sky, which are sampled apart."""
+    suns = find_sky_suns(programs.description.world)
+    discs = suns.discs()
+    grid = programs.background_grid(width, geometry, tables, threads)
+    environment = build_environment_map(without_discs(grid, discs))
+    if not len(discs):
+        return environment
+    points = suns.points()
+    radiance = programs.background_radiance(points.reshape(-1, 3), geometry, tables)
+    mean = radiance.reshape(len(discs), -1).mean(axis=1)
+    shines = mean > 0.0
+    return replace(environment, discs=discs[shines], disc_radiance=mean[shines])
 
 
 def _build_lights(

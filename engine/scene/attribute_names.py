@@ -15,3 +15,10 @@ UNDISPLACED_NORMALS = "__undisplaced_normals"
 #: Behind the name of a UV map: its tangents, CORNER, width 4; and those after displacement.
 TANGENT = ".tangent"
 DISPLACED_TANGENT = ".displaced_tangent"
+#: Outputs of Geometry nodes that are attributes of meshes: POINT and FACE, width 1.
+GEOMETRY_ATTRIBUTES = {"Pointiness": "standard:pointiness", "Random Per Island": "standard:random_per_island"}
+#: Before the outputs of Particle Info, and these with their widths: properties of instances.
+PARTICLE = "particle:"
+PARTICLE_OUTPUTS = {
+    "Index": 1, "Random": 1, "Age": 1, "Lifetime": 1, "Location": 3, "Size": 1, "Velocity": 3, "Angular Velocity": 3
+}  # fmt: skip

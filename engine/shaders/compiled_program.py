@@ -73,6 +73,8 @@ class ProgramSource:
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     #: `Material.displacement_method`.
     displacement_method: str = "BUMP"
+    #: Rows are a lamp's axes, scaled as it is: the matrix of normals from the world to its own space.
+    lamp_axes: tuple[tuple[float, ...], ...] | None = None
     #: AOVs that the graph gives, if any.
     aovs: tuple[AovColumns, ...] = ()
 

@@ -9,16 +9,29 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from engine.array_types import Float32Array
 from engine.kernels.shader import ops_input, ops_math, ops_rays
 from engine.scene.description import Image, Link, Node, NodeGraph
-from engine.shaders import nodes_bump, nodes_closure, nodes_image, nodes_input, nodes_rays, nodes_texture_math
+from engine.shaders import (
+    nodes_bump,
+    nodes_closure,
+    nodes_ies,
+    nodes_image,
+    nodes_input,
+    nodes_rays,
+    nodes_sky,
+    nodes_texture_math,
+)
 from engine.shaders.arithmetic import Arithmetic
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
 from engine.shaders.vocabulary import SETTINGS, unknown_parts
 
-NODES: NodeTable = nodes_input.NODES | nodes_image.NODES | nodes_rays.NODES | nodes_texture_math.NODES
+NODES: NodeTable = (
+    nodes_input.NODES | nodes_image.NODES | nodes_rays.NODES | nodes_sky.NODES | nodes_ies.NODES
+    | nodes_texture_math.NODES
+)
 
 #: What counts instead of a link from what is not known.
 UNLINKED = "as if it were not linked"
@@ -43,16 +56,20 @@ class NodeValues:
         Whether voxels there are interpolated by cubic splines.
     is_displaced : bool
         Whether the surface has been displaced.
+    lamp_axes : tuple or None
+        `ProgramSource.lamp_axes`.
     """
 
     def __init__(
         self, name: str, graph: NodeGraph, pools: ScenePools, *, is_inside: bool = False,
         has_smooth_voxels: bool = False, is_displaced: bool = False,
+        lamp_axes: tuple[tuple[float, ...], ...] | None = None,
     ) -> None:
         self.name = name
         self.is_inside = is_inside
         self.has_smooth_voxels = has_smooth_voxels
         self.is_displaced = is_displaced
+        self.lamp_axes = lamp_axes
         self.graph = graph
         self.pools = pools
         self.arithmetic = Arithmetic(pools)
@@ -232,6 +249,16 @@ class NodeBuilder:
     def attribute_slot(self, name: str) -> int:
         """Slot of a mesh attribute."""
         return self._values.pools.attribute_slot(name)
+
+    @property
+    def lamp_axes(self) -> tuple[tuple[float, ...], ...] | None:
+        """`ProgramSource.lamp_axes`."""
+        return self._values.lamp_axes
+
+    @property
+    def to_xyz(self) -> Float32Array | None:
+        """Matrix of the working space to CIE XYZ; None: it is Rec.709."""
+        return self._values.pools.to_xyz
 
     @property
     def is_inside(self) -> bool:

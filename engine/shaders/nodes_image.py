@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from engine.kernels.shader import images as lookup
@@ -70,22 +69,7 @@ def _environment(node: Node, builder: Any) -> Operation:
     return _lookup(node, builder, projection, Implicit.POSITION, lookup.EXTENSION_REPEAT)
 
 
-def _replaced(problem: str, outputs: dict[str, tuple[Any, Any]], fallback: str) -> Callable[[Node, Any], Operation]:
-    """A texture that is not supported: each output (type, value) is a constant."""
-
-    def lower(node: Node, builder: Any) -> Operation:
-        builder.notice(problem, fallback)
-        inputs = tuple(Socket("", type_, value) for type_, value in outputs.values())
-        return Operation(-1, inputs, tuple(Socket(name, type_) for name, (type_, _value) in outputs.items()))
-
-    return lower
-
-
 NODES: NodeTable = {
     "ShaderNodeTexImage": _image,
     "ShaderNodeTexEnvironment": _environment,
-    "ShaderNodeTexSky": _replaced(
-        "Sky Texture is not supported", {"Color": (COLOR, (0.27, 0.42, 0.68))}, "a constant blue"
-    ),
-    "ShaderNodeTexIES": _replaced("IES Texture is not supported", {"Fac": (FLOAT, 1.0)}, "1 in every direction"),
 }

@@ -24,7 +24,14 @@ from engine.kernels.shader.ops_rounds import (
     ROUND_TANGENT_NORMAL,
     ROUND_THICKNESS,
 )
-from engine.scene.attribute_names import DISPLACED_TANGENT, TANGENT, UNDISPLACED_NORMALS
+from engine.scene.attribute_names import (
+    DISPLACED_TANGENT,
+    GEOMETRY_ATTRIBUTES,
+    PARTICLE,
+    PARTICLE_OUTPUTS,
+    TANGENT,
+    UNDISPLACED_NORMALS,
+)
 from engine.scene.description import Node
 from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
@@ -116,27 +123,25 @@ def _from_instancer(kind: int, otherwise: Callable[[Node, Any], Operation]) -> C
     return lower
 
 
-def _zero(type_: SocketType, problem: str) -> Callable[[Node, Any], Operation]:
-    def lower(node: Node, builder: Any) -> Operation:
-        builder.notice(problem, "0")
-        return constant(0.0 if type_ is FLOAT else (0.0, 0.0, 0.0), type_)
-
-    return lower
-
-
 def _value(value: float) -> Callable[[Node, Any], Operation]:
     return lambda node, builder: constant(value)
-
-
-def _pointiness(node: Node, builder: Any) -> Operation:
-    builder.notice("Pointiness is not supported", "0.5, as on a flat surface")
-    return constant(0.5)
 
 
 def _factor_of(name: str) -> Callable[[Node, Any], Operation]:
     """A number that is an attribute of curves or points."""
     outputs = (Socket("\0vector", VECTOR), Socket("", FLOAT), Socket("\0alpha", FLOAT))
     return lambda node, builder: attribute(builder, builder.attribute_slot(name), outputs)
+
+
+def _of_surface(name: str) -> Callable[[Node, Any], Operation]:
+    """A number that is an attribute of meshes; 0 within volumes."""
+    read_attribute = _factor_of(name)
+    return lambda node, builder: constant(0.0) if builder.is_inside else read_attribute(node, builder)
+
+
+def _vector_of(name: str) -> Callable[[Node, Any], Operation]:
+    """A vector that is an attribute."""
+    return lambda node, builder: attribute(builder, builder.attribute_slot(name), _UNNAMED)
 
 
 _ATTRIBUTE_OWNERS = ("GEOMETRY", "OBJECT", "INSTANCER", "VIEW_LAYER", "LIGHT")
@@ -273,6 +278,28 @@ _TRANSFORMS = ("VECTOR", "POINT", "NORMAL")
 _FRAMES = ("WORLD", "OBJECT", "CAMERA")
 
 
+def _of_lamp(builder: Any, source: Implicit) -> Operation:
+    """A direction as the lamp sees it whose program this is."""
+    table = builder.add_table(np.hstack([builder.lamp_axes, np.zeros((3, 1))]))
+    return Operation(ops.OP_TRANSFORM_POINT, (Socket("", VECTOR, source),), (Socket("", VECTOR),), (table, 1))
+
+
+def _local_incoming(node: Node, builder: Any) -> Operation:
+    if builder.lamp_axes is not None:
+        return _of_lamp(builder, Implicit.INCOMING)
+    immediates = tuple(choices.index(name) for choices, name in (
+        (_TRANSFORMS, "NORMAL"), (_FRAMES, "WORLD"), (_FRAMES, "OBJECT")
+    ))  # fmt: skip
+    inputs = (Socket("", VECTOR, Implicit.INCOMING),)
+    return Operation(ops.OP_VECTOR_TRANSFORM, inputs, (Socket("", VECTOR),), immediates, is_varying=True)
+
+
+def _object_normal(node: Node, builder: Any) -> Operation:
+    if builder.lamp_axes is not None:
+        return _of_lamp(builder, Implicit.NORMAL)
+    return displaced(ops.OP_OBJECT_NORMAL)(node, builder)
+
+
 def _vector_transform(node: Node, builder: Any) -> Operation:
     immediates = (
         choice(node, builder, "vector_type", _TRANSFORMS, "VECTOR"),
@@ -314,7 +341,6 @@ def _scene_time(node: Node, builder: Any) -> Operation:
     return Operation(-1, inputs, tuple(Socket(name, FLOAT) for name in names))
 
 
-_PARTICLE = "particle data is not supported"
 
 NODES: NodeTable = {
     "ShaderNodeValue": _socket_value(FLOAT, "Value"),
@@ -365,7 +391,7 @@ OUTPUTS: dict[str, Outputs] = {
     "ShaderNodeTexCoord": Outputs(
         {
             "Generated": _from_instancer(0, displaced(ops.OP_GENERATED)),
-            "Normal": displaced(ops.OP_OBJECT_NORMAL),
+            "Normal": _object_normal,
             "UV": _from_instancer(1, uv("")),
             "Object": _object_coordinate,
             "Camera": displaced(ops.OP_CAMERA_COORDINATE),
@@ -382,8 +408,8 @@ OUTPUTS: dict[str, Outputs] = {
             "Incoming": read(ops.OP_INCOMING, VECTOR),
             "Parametric": displaced(ops.OP_PARAMETRIC),
             "Backfacing": read(ops.OP_BACKFACING, FLOAT),
-            "Pointiness": _pointiness,
-            "Random Per Island": _zero(FLOAT, "Random Per Island is not supported"),
+            "Pointiness": _of_surface(GEOMETRY_ATTRIBUTES["Pointiness"]),
+            "Random Per Island": _of_surface(GEOMETRY_ATTRIBUTES["Random Per Island"]),
         }
     ),
     "ShaderNodeObjectInfo": Outputs(
@@ -417,14 +443,8 @@ OUTPUTS: dict[str, Outputs] = {
     ),
     "ShaderNodeParticleInfo": Outputs(
         {
-            "Index": _zero(FLOAT, _PARTICLE),
-            "Random": _zero(FLOAT, _PARTICLE),
-            "Age": _zero(FLOAT, _PARTICLE),
-            "Lifetime": _zero(FLOAT, _PARTICLE),
-            "Location": _zero(VECTOR, _PARTICLE),
-            "Size": _zero(FLOAT, _PARTICLE),
-            "Velocity": _zero(VECTOR, _PARTICLE),
-            "Angular Velocity": _zero(VECTOR, _PARTICLE),
+            output: _factor_of(f"{PARTICLE}{output}") if width == 1 else _vector_of(f"{PARTICLE}{output}")
+            for output, width in PARTICLE_OUTPUTS.items()
         }
     ),
     "ShaderNodeVolumeInfo": Outputs(
@@ -457,6 +477,8 @@ OUTPUTS: dict[str, Outputs] = {
 #: Where unlinked sockets take their value from.
 IMPLICIT: dict[Implicit, Callable[[Node, Any], Operation]] = {
     Implicit.NORMAL: read(ops.OP_NORMAL, VECTOR),
+    Implicit.INCOMING: read(ops.OP_INCOMING, VECTOR),
+    Implicit.LOCAL_INCOMING: _local_incoming,
     Implicit.POSITION: displaced(ops.OP_POSITION),
     Implicit.GENERATED: displaced(ops.OP_GENERATED),
     Implicit.UV: uv(""),

@@ -38,7 +38,9 @@ class SurfaceCompiler:
         self._pools = pools
         self._graph = source.graph if source.graph is not None else NodeGraph()
         is_displaced = source.displacement_method != "BUMP" and self._graph.displacement is not None
-        self._values = NodeValues(source.name, self._graph, pools, is_displaced=is_displaced)
+        self._values = NodeValues(
+            source.name, self._graph, pools, is_displaced=is_displaced, lamp_axes=source.lamp_axes
+        )
         self._arithmetic = self._values.arithmetic
         self._code = self._arithmetic.code
         #: Instructions that each mode runs for their effect.

@@ -90,6 +90,8 @@ class Implicit(Enum):
     CURVE_NORMAL = "normal of a curve, as it is stored"
     EDGE_U = "first edge of a triangle"
     EDGE_V = "last edge of a triangle"
+    INCOMING = "direction that light leaves in"
+    LOCAL_INCOMING = "direction that light leaves in, in the object's own space"
     CURVE_THICKNESS = "thickness of a curve"
 
 

@@ -2,11 +2,12 @@
 """Lights as kernels read them; built by `engine.builder.lights`.
 
 An *emitter* is what the light tree picks: an emissive triangle, a lamp or the background. Emitters are numbered
-triangles first (so a triangle emitter's number is its row in `triangles`), then lamps, then the background.
+triangles first (so a triangle emitter's number is its row in `triangles`), then lamps, then discs of the background,
+then its map. Directions within a disc are drawn from the disc alone, all others from the map alone.
 
 A *cluster* is what a region learns the worth of (`LightSelection`): a node of a cut through the light tree, an emitter
 at infinity, or a patch of the background's map. Every emitter, and every direction of the background, is in one.
-Clusters are numbered in this order: nodes of the cut, rows of `distant` but for the background, patches.
+Clusters are numbered in this order: nodes of the cut, rows of `distant` but for the background's map, patches.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ DISTANT_WIDTH = 8
 
 # LightArrays.emitters (int32)
 EMITTER_KIND = 0
-#: Row in `lamps`; -1 for triangles and the background.
+#: Row in `lamps`, of the background in `discs`; -1 for triangles and the background's map.
 EMITTER_LAMP = 1
 EMITTER_INSTANCE = 2
 EMITTER_TRIANGLE = 3
@@ -125,7 +126,7 @@ HEADER_HITTABLE = 1
 #: Lamps [HEADER_FIRST_DISTANT, HEADER_LAST_DISTANT) are infinitely far away, and seen under an angle.
 HEADER_FIRST_DISTANT = 2
 HEADER_LAST_DISTANT = 3
-HEADER_BACKGROUND_EMITTER = 4  # -1: the background is not sampled as a light
+HEADER_BACKGROUND_EMITTER = 4  # -1: the background's map is not sampled as a light
 HEADER_BACKGROUND_PROGRAM = 5
 HEADER_BACKGROUND_VISIBILITY = 6
 HEADER_BACKGROUND_MAX_BOUNCES = 7
@@ -141,7 +142,13 @@ HEADER_BANDS = 13
 HEADER_SECTORS = 14
 #: Emitters that there would be without links.
 HEADER_UNLINKED = 15
-HEADER_WIDTH = 16
+HEADER_FIRST_DISC = 16  # of `Emitters.table`: the first disc of the background
+HEADER_WIDTH = 17
+
+# LightArrays.discs (float32): suns of the background.
+DISC_AXIS = 0  # unit vector to the centre
+DISC_ONE_MINUS_COS = 3  # of half its angle
+DISC_WIDTH = 4
 
 #: Steps of `map_guide`; a power of two, so that finding one's own does not round.
 MAP_GUIDE_SIZE = 64
@@ -236,6 +243,7 @@ class LightArrays(Bundle):
     lookup_offset : int64 (I, 2), where the triangles of instance i start in `lookup` (-1: it has no emitters), and
         the first triangle of its mesh
     lookup : int32 (K,), emitter of a triangle, -1 = none
+    discs : float32 (K, DISC_WIDTH), of the background
     map_marginal : float32 (H + 1, 2), cumulative probability of rows and cosine of their lower latitude bound
     map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
     map_guide : int32 (H + 1, MAP_GUIDE_SIZE + 1), where to look: the last column of a row, and in the last line the
@@ -266,6 +274,7 @@ class LightArrays(Bundle):
     varying: Int32Array
     lookup_offset: Int64Array
     lookup: Int32Array
+    discs: Float32Array
     map_marginal: Float32Array
     map_conditional: Float32Array
     map_guide: Int32Array

@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT
-from engine.kernels.lights import background_emitter, background_pdf, tree_of_ray
+from engine.kernels.lights import background_pdf, emitter_towards, tree_of_ray
 from engine.kernels.path_depths import store_depths
 from engine.kernels.radiance import add_emission, add_seen, show_left_out, weigh_found
 from engine.kernels.vector import load
@@ -135,7 +135,7 @@ def shade_background(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 leaves_dim = (flags & RAY_MIS_FINDS_ALL) != 0
-                tree = tree_of_ray(lights, flags)
+                tree, direction = tree_of_ray(lights, flags), load(paths.direction, lane)
                 pdf = background_pdf(
                     lights,
                     tree,
@@ -143,10 +143,10 @@ def shade_background(scene, unit, work, queue):
                     load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0,
                     leaves_dim,
-                    load(paths.direction, lane),
+                    direction,
                 )
                 weight, unguided = weigh_found(
-                    options, lights, paths, lane, background_emitter(lights, tree), leaves_dim, pdf
+                    options, lights, paths, lane, emitter_towards(lights, tree, direction), leaves_dim, pdf
                 )
             share = add_emission(
                 options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided, group,

@@ -7,7 +7,6 @@ reported, and list it in `engine/shaders/vocabulary.py`, a closure's parts in it
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -16,28 +15,24 @@ pytest.importorskip("bpy")
 
 import bpy
 
-from engine.scene.description import Link, Node, NodeGraph, Notice
+from engine.scene.description import Link
 from engine.shaders import nodes_closure
-from engine.shaders.compiled_program import ProgramSource
-from engine.shaders.compiler import compile_programs
 from engine.shaders.node_values import gives_values
 from engine.shaders.vocabulary import SETTINGS
+from tools.node_registry import kinds, notices, properties_of, settings_of, variants
 
-#: Resolved by the export, or no nodes that anything could be linked from.
-STRUCTURE = {
-    "NodeFrame", "NodeGroupInput", "NodeGroupOutput", "NodeReroute", "ShaderNodeGroup", "ShaderNodeCustomGroup",
-    "ShaderNodeOutputAOV", "ShaderNodeOutputLight", "ShaderNodeOutputLineStyle", "ShaderNodeOutputMaterial",
-    "ShaderNodeOutputWorld",
-}  # fmt: skip
 #: Reported whole, whatever their inputs and settings.
-REPORTED_WHOLE = {"ShaderNodeTexIES", "ShaderNodeTexSky"}
+REPORTED_WHOLE: set[str] = set()
 #: Known nodes and settings that are reported: part of the notice.
 REPORTED = (
     "thin film", "BECKMANN", "ROTATION",
     "of lights", "'LIGHT'",
 )  # fmt: skip
 #: Settings that decide nothing here: an unknown value of theirs may pass.
-WITHOUT_EFFECT: set[tuple[str, str]] = set()
+WITHOUT_EFFECT: set[tuple[str, str]] = {
+    # The export reads the file or the text.
+    ("ShaderNodeTexIES", "mode"),
+}
 
 
 def known(kind: str) -> bool:
@@ -59,55 +54,6 @@ def tree() -> Any:
     material = bpy.data.materials.new("Every node")
     material.use_nodes = True
     return material.node_tree
-
-
-def kinds(tree: Any) -> list[str]:
-    """All kinds of nodes that fit into the tree."""
-
-    def below(base: Any) -> Iterator[Any]:
-        for cls in base.__subclasses__():
-            yield cls
-            yield from below(cls)
-
-    names = {cls.bl_rna.identifier for cls in below(bpy.types.Node)}
-    names |= {name for name in dir(bpy.types) if "Node" in name}
-    found = []
-    for name in sorted(names - STRUCTURE):
-        try:
-            tree.nodes.remove(tree.nodes.new(name))
-        except RuntimeError:
-            continue
-        found.append(name)
-    return found
-
-
-def notices(kind: str, output: str, is_shader: bool, inputs: Any, properties: Any, changed: Any = ()) -> list[Notice]:
-    """What is reported of one node whose `output` is seen."""
-    value = Node("ShaderNodeValue", "Value", {}, {"value": 0.5})
-    node = Node(kind, "It", inputs, properties, frozenset(changed))
-    graph = NodeGraph([value, node], surface=Link(1, output))
-    if not is_shader:
-        graph.nodes.append(Node("ShaderNodeEmission", "Emission", {"Color": Link(1, output)}))
-        graph.surface = Link(2, "Emission")
-    return compile_programs([ProgramSource("It", graph)], [])[2]
-
-
-def settings_of(node: Any) -> dict[str, Any]:
-    """All switches and enums of a node, whatever they are for."""
-    common = set(bpy.types.ShaderNode.bl_rna.properties.keys())
-    return {
-        prop.identifier: prop
-        for prop in node.bl_rna.properties
-        if prop.identifier not in common and prop.type in ("ENUM", "BOOLEAN", "INT", "FLOAT", "STRING")
-    }
-
-
-def properties_of(node: Any) -> dict[str, Any]:
-    values = {name: getattr(node, name) for name in settings_of(node)}
-    return {
-        name: value if isinstance(value, (str, int, float)) else tuple(value)
-        for name, value in values.items()
-    } | {"value": (0.5, 0.5, 0.5, 1.0)}
 
 
 def test_every_kind_of_node_is_known_or_reported(tree: Any) -> None:
@@ -134,24 +80,6 @@ def test_every_output_of_known_nodes_is_there(tree: Any) -> None:
                 found = notices(kind, socket.identifier, socket.type == "SHADER", {}, properties_of(node))
                 missing += [f"{kind}: {notice.problem}" for notice in found if "has no output" in notice.problem]
     assert sorted(set(missing)) == []
-
-
-def variants(tree: Any, kind: str) -> Iterator[Any]:
-    """A new node, then one for each value of each of its enums: sockets come and go with them."""
-    node = tree.nodes.new(kind)
-    yield node
-    for name, prop in settings_of(node).items():
-        if prop.type != "ENUM" or prop.is_enum_flag:
-            continue
-        before = getattr(node, name)
-        for item in prop.enum_items_static:
-            try:
-                setattr(node, name, item.identifier)
-            except TypeError:  # Not offered to shaders.
-                continue
-            yield node
-        setattr(node, name, before)
-    tree.nodes.remove(node)
 
 
 def test_every_input_of_known_nodes_is_known(tree: Any) -> None:
@@ -185,7 +113,7 @@ def test_every_value_of_enums_is_known_or_reported(tree: Any) -> None:
             output = next(socket for socket in node.outputs if socket.enabled)
             found = notices(kind, output.identifier, output.type == "SHADER", {}, properties_of(node))
             for notice in found:
-                if "has no image" not in notice.problem and "has no table" not in notice.problem:
+                if not any(lack in notice.problem for lack in ("has no image", "has no table", "photometric data")):
                     unknown.add(f"{kind}: {notice.problem}")
     unexpected = {problem for problem in unknown if not any(known_one in problem for known_one in REPORTED)}
     unexpected = {problem for problem in unexpected if "data is not supported" not in problem}

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.builder.emission import ProgramInfo
-from engine.builder.environment import build_environment_map
+from engine.builder.environment import EnvironmentMap, build_environment_map
 from engine.builder.geometry import build_geometry
 from engine.builder.lights import build_lights
 from engine.kernels.binary_tree import GRID_SIDE, LEAF
@@ -99,9 +99,10 @@ def no_programs() -> ProgramInfo:
 def build(
     description: SceneDescription, info: ProgramInfo | None = None, background: Any = None
 ) -> tuple[LightArrays, GeometryArrays]:
-    """Lights and geometry of a description."""
+    """Lights and geometry of a description; `background` is a map, or radiance to make one of."""
     geometry = build_geometry(description, [], [])
-    environment = None if background is None else build_environment_map(background)
+    is_map = background is None or isinstance(background, EnvironmentMap)
+    environment = background if is_map else build_environment_map(background)
     return build_lights(description, geometry, info or no_programs(), environment), geometry
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The background as a light: directions drawn from a map of its radiance.
+"""The background as a light: directions drawn from a map of its radiance, or from discs in it.
 
 Rows are bands of latitude, row 0 around z = -1; columns follow Blender's equirectangular projection:
 u = 1/2 - atan2(y, x) / 2 pi. Within a cell directions are uniform in solid angle, so the density is constant per cell
@@ -13,9 +13,10 @@ import numpy as np
 from engine.kernels.angles import sine_and_cosine, upper_angle
 from engine.kernels.constants import INV_PI, INV_TWO_PI, PI, TWO_PI
 from engine.kernels.eight import WIDTH, count_of, load_from
+from engine.kernels.lights.mapping import uniform_cone
 from engine.kernels.prefetch import prefetch_byte
 from engine.runtime.jit import kernel
-from engine.state.lights import MAP_GUIDE_SIZE
+from engine.state.lights import DISC_AXIS, DISC_ONE_MINUS_COS, MAP_GUIDE_SIZE
 
 _GUIDE_STEPS = np.float32(MAP_GUIDE_SIZE)
 _FLOAT_BYTES = 4
@@ -139,6 +140,32 @@ def map_pdf(marginal, conditional, direction):
     """Density [sr^-1] of `sample_map` for a direction (any length)."""
     row, column = find_cell(conditional, direction)
     return _cell_pdf(marginal, conditional, row, column, conditional.shape[1] - 1)
+
+
+@kernel
+def disc_of(discs, direction):
+    """The first disc that a unit direction lies in, -1: none."""
+    for k in range(discs.shape[0]):
+        x = direction[0] - discs[k, DISC_AXIS]
+        y = direction[1] - discs[k, DISC_AXIS + 1]
+        z = direction[2] - discs[k, DISC_AXIS + 2]
+        if 0.5 * (x * x + y * y + z * z) <= discs[k, DISC_ONE_MINUS_COS]:
+            return np.int64(k)
+    return np.int64(-1)
+
+
+@kernel
+def disc_pdf(discs, disc):
+    """Density [sr^-1] of directions within a disc."""
+    return INV_TWO_PI / discs[disc, DISC_ONE_MINUS_COS]
+
+
+@kernel
+def sample_disc(discs, disc, u0, u1):
+    """Direction towards a disc, and its density [sr^-1]."""
+    axis = (discs[disc, DISC_AXIS], discs[disc, DISC_AXIS + 1], discs[disc, DISC_AXIS + 2])
+    wi, _ = uniform_cone(axis, discs[disc, DISC_ONE_MINUS_COS], u0, u1)
+    return disc_pdf(discs, disc), wi
 
 
 @kernel

@@ -12,12 +12,15 @@ from engine.kernels.constants import DISTANT
 from engine.kernels.lights.background import (
     ask_for_columns,
     ask_for_guide,
+    disc_of,
+    disc_pdf,
     find_column,
     find_row,
     map_pdf,
     patch_of,
     patch_pdf,
     sample_cell,
+    sample_disc,
     sample_patch,
 )
 from engine.kernels.lights.lamps import sample_lamp
@@ -46,6 +49,7 @@ from engine.state.lights import (
     EMITTER_FRONT,
     EMITTER_INSTANCE,
     EMITTER_KIND,
+    EMITTER_LAMP,
     EMITTER_MIRRORED,
     EMITTER_PROGRAM,
     EMITTER_TRIANGLE,
@@ -53,6 +57,7 @@ from engine.state.lights import (
     HEADER_BACKGROUND_MAX_BOUNCES,
     HEADER_BACKGROUND_SHADOW,
     HEADER_BANDS,
+    HEADER_FIRST_DISC,
     HEADER_SECTORS,
     LIGHT_BACKGROUND,
     LIGHT_TRIANGLE,
@@ -135,7 +140,9 @@ def draw_triangle(lights, geometry, emitter, p, time, u0, u1):
 @kernel
 def is_of_map(lights, emitter, patch):
     """Whether a direction is drawn from the whole map of the background; takes what `pick_emitter` returns."""
-    return emitter >= 0 and patch < 0 and lights.emitters[emitter, EMITTER_KIND] == LIGHT_BACKGROUND
+    if emitter < 0 or patch >= 0 or lights.emitters[emitter, EMITTER_KIND] != LIGHT_BACKGROUND:
+        return False
+    return lights.emitters[emitter, EMITTER_LAMP] < 0
 
 
 @kernel
@@ -246,7 +253,10 @@ def _sample_triangle(lights, geometry, choice, drawn, time, u0):
 def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
     """Draw a direction towards the background: LightSample."""
     emitter = choice.emitter
-    if choice.patch >= 0:
+    disc = np.int64(lights.emitters[emitter, EMITTER_LAMP])
+    if disc >= 0:
+        pdf, wi = sample_disc(lights.discs, disc, u0, u1)
+    elif choice.patch >= 0:
         pdf, wi = sample_patch(
             lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
             lights.header[HEADER_SECTORS], choice.patch - first_patch(lights, tree_of_emitter(lights, emitter)), u0,
@@ -258,6 +268,9 @@ def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
         pdf, wi = sample_cell(lights.map_marginal, lights.map_conditional, cell[0], cell[1], u0, u1)
     none = 0.0 * u0
     one = none + 1.0
+    # Each direction is either the map's or one disc's.
+    if disc_of(lights.discs, wi) != disc:
+        pdf = none
     program = np.int64(lights.emitters[emitter, EMITTER_PROGRAM])
     visibility = np.int64(lights.emitters[emitter, EMITTER_VISIBILITY])
     cast_shadow, use_mis, shows_back = lights.header[HEADER_BACKGROUND_SHADOW] != 0, True, False
@@ -300,12 +313,28 @@ def triangle_emitter(lights, tree, instance, triangle):
 
 
 @kernel
+def emitter_towards(lights, tree, direction):
+    """The emitter that a direction of the background is of: a disc, or the map; -1: none, it is not sampled."""
+    return _emitter_of(lights, tree, disc_of(lights.discs, direction))
+
+
+@kernel
+def _emitter_of(lights, tree, disc):
+    if disc >= 0:
+        return emitter_in_tree(lights, tree, np.int64(lights.header[HEADER_FIRST_DISC]) + disc)
+    return background_emitter(lights, tree)
+
+
+@kernel
 def background_pdf(lights, tree, p, n, has_transmission, leaves_dim, direction):
     """Density [sr^-1] with which `sample_light` would have proposed this direction as background; 0: never."""
-    emitter = background_emitter(lights, tree)
+    disc = disc_of(lights.discs, direction)
+    emitter = _emitter_of(lights, tree, disc)
     if emitter < 0:
         return 0.0 * p[0]
     row = selection_row(lights, tree, p)
+    if disc >= 0:
+        return disc_pdf(lights.discs, disc) * emitter_pmf(lights, row, emitter, p, n, has_transmission)
     if row >= 0:
         patch, pdf = patch_pdf(
             lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],

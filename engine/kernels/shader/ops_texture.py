@@ -4,10 +4,12 @@
 import numpy as np
 
 from engine.kernels.memory import read3, write3
+from engine.kernels.shader.ies import ies_intensity
 from engine.kernels.shader.opcodes import TEXTURE_FIRST
 from engine.kernels.shader.procedural_misc import brick, checker, gradient, magic, wave, white_noise
 from engine.kernels.shader.procedural_noise import Fractal, noise_texture
 from engine.kernels.shader.procedural_voronoi import Voronoi, voronoi_texture
+from engine.kernels.shader.sky import sky_color
 from engine.runtime.jit import kernel
 from engine.state.shaders import SINK
 
@@ -26,6 +28,18 @@ OP_WAVE = TEXTURE_FIRST + 4
 OP_BRICK = TEXTURE_FIRST + 5
 OP_MAGIC = TEXTURE_FIRST + 6  # color, fac <- vector, scale, distortion | depth, wraps scaled
 OP_WHITE_NOISE = TEXTURE_FIRST + 7  # value, color <- vector, w | dimensions
+OP_SKY = TEXTURE_FIRST + 8  # color <- vector | table, kind; those from here on look around
+OP_IES = TEXTURE_FIRST + 9  # fac <- vector, strength | table
+
+
+@kernel
+def _look_around(opcode, code, pc, memory, tables):
+    """What a table holds by direction: a sky, or the light of a luminaire."""
+    direction = read3(memory, code[pc + 3])
+    if opcode == OP_SKY:
+        write3(memory, code[pc + 2], sky_color(tables, code[pc + 4], code[pc + 5], direction))
+    else:
+        memory[code[pc + 2]] = memory[code[pc + 4]] * ies_intensity(tables, code[pc + 5], direction)
 
 
 @kernel(forceinline=True)
@@ -122,13 +136,11 @@ def run_texture_op(opcode, code, pc, memory, tables):
         p = read3(memory, code[pc + 4])
         scale = memory[code[pc + 7]]
         fac = checker(p[0] * scale, p[1] * scale, p[2] * scale)
-        color = read3(memory, code[pc + 5] if fac == 1.0 else code[pc + 6])
         memory[code[pc + 3]] = fac
-        write3(memory, code[pc + 2], color)
+        write3(memory, code[pc + 2], read3(memory, code[pc + 5] if fac == 1.0 else code[pc + 6]))
     elif opcode == OP_MAGIC:
         p = read3(memory, code[pc + 4])
-        scale = memory[code[pc + 5]]
-        color = magic(p[0], p[1], p[2], scale, code[pc + 7], memory[code[pc + 6]], code[pc + 8] != 0)
+        color = magic(p[0], p[1], p[2], memory[code[pc + 5]], code[pc + 7], memory[code[pc + 6]], code[pc + 8] != 0)
         memory[code[pc + 3]] = (color[0] + color[1] + color[2]) / 3.0
         write3(memory, code[pc + 2], color)
     elif opcode == OP_WHITE_NOISE:
@@ -136,6 +148,8 @@ def run_texture_op(opcode, code, pc, memory, tables):
         value, red, green, blue = white_noise(p[0], p[1], p[2], memory[code[pc + 5]], code[pc + 6])
         memory[code[pc + 2]] = value
         write3(memory, code[pc + 3], (red, green, blue))
+    elif opcode >= OP_SKY:
+        _look_around(opcode, code, pc, memory, tables)
     else:
         p = read3(memory, code[pc + 4])
         value = 0.0

@@ -137,7 +137,7 @@ def test_closures_that_are_missing_are_named_with_their_node(scene: Any, kind: s
     assert SHADERS[kind].lower() in found[0].problem.lower()
 
 
-TEXTURES = ["ShaderNodeTexIES", "ShaderNodeParticleInfo"]
+TEXTURES = ["ShaderNodeTexIES"]
 
 
 @pytest.mark.parametrize("kind", TEXTURES)

@@ -202,10 +202,10 @@ def test_world_without_nodes_has_its_color() -> None:
 def test_unsupported_nodes_are_reported_once() -> None:
     graph = Graph()
     odd = graph.link("ShaderNodeFromTheFuture", "Value", name="Odd")
-    sky = graph.link("ShaderNodeTexSky", "Color", name="Sky")
-    _shaders, _names, notices = compile_one(graph.emit(sky, odd))
+    wires = graph.link("ShaderNodeWireframe", "Fac", name="Wires")
+    _shaders, _names, notices = compile_one(graph.emit(wires, odd))
     assert [(n.subject, n.fallback) for n in notices] == [
-        ("M / Sky", "a constant blue"),
+        ("M / Wires", "0, no wires"),
         ("M / Odd", "as if it were not linked"),
     ]
     graph = Graph()
