@@ -17,10 +17,10 @@ from engine.shaders.compiler import compile_programs
 
 #: Resolved by the export, or no nodes that anything could be linked from.
 STRUCTURE = {
-    "GeometryNodeMenuSwitch", "NodeFrame", "NodeGroupInput", "NodeGroupOutput", "NodeReroute", "ShaderNodeGroup",
-    "ShaderNodeCustomGroup",
-    "ShaderNodeOutputAOV", "ShaderNodeOutputLight", "ShaderNodeOutputLineStyle", "ShaderNodeOutputMaterial",
-    "ShaderNodeOutputWorld",
+    "GeometryNodeMenuSwitch", "GeometryNodeRepeatInput", "GeometryNodeRepeatOutput", "NodeClosureInput",
+    "NodeClosureOutput", "NodeCombineBundle", "NodeEvaluateClosure", "NodeFrame", "NodeGroupInput", "NodeGroupOutput",
+    "NodeReroute", "NodeSeparateBundle", "ShaderNodeCustomGroup", "ShaderNodeGroup", "ShaderNodeOutputAOV",
+    "ShaderNodeOutputLight", "ShaderNodeOutputLineStyle", "ShaderNodeOutputMaterial", "ShaderNodeOutputWorld",
 }  # fmt: skip
 
 

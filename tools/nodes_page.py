@@ -30,8 +30,8 @@ each output, linked input and value of a menu. A test fails where a Blender has 
 - **no**: a message names the node.
 
 *Beside Cycles* says where the node is compared: groups of scenes (`benchmarks/scenes`), single values (*values*) and
-random trees (*fuzz*). Groups, reroutes, frames, muted nodes, Menu Switches and outputs are resolved when a scene is
-exported.
+random trees (*fuzz*). Groups, reroutes, frames, muted nodes, Menu Switches, repeat zones, bundles, closures and outputs
+are resolved when a scene is exported.
 
 ## Blender {BASE}
 """

@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -17,8 +17,10 @@ from engine.scene.description import Link, Node, NodeGraph
 from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, NORMALS_AS_ATTRIBUTES, is_since
 from .context import ExportContext
 from .images import ImageExporter
+from .inlined_nodes import INLINED, Access
 from .node_defaults import changed_parts
 from .node_tables import bake_constant, bake_curves, bake_ramp
+from .node_trees import Tree, open_tree
 from .node_versions import modernize
 from .object_properties import read_property
 from .photometry import read_photometry
@@ -39,7 +41,7 @@ _OUTPUTS = ("ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutp
 #: Nodes whose value is edited on their own output socket.
 _VALUE_ON_OUTPUT = ("ShaderNodeValue", "ShaderNodeRGB", "ShaderNodeNormal")
 #: Nodes that hand on what one of their inputs carries.
-_PASSED = ("NodeReroute", "NodeGroupInput", "GeometryNodeMenuSwitch")
+_PASSED = {"NodeReroute", "NodeGroupInput", *INLINED}
 #: Nodes whose value is a property.
 _VALUE_PROPERTY = {
     "FunctionNodeInputBool": "boolean",
@@ -51,24 +53,6 @@ _RECURSION_LIMIT = 100_000
 
 #: What feeds an input: a link, a constant, or None where the surface supplies the value.
 Source = Any
-
-
-@dataclass
-class _Tree:
-    """One appearance of a node tree: the outermost one, or a group inside `parent`."""
-
-    tree: bpy.types.NodeTree
-    parent: _Tree | None
-    #: The group node in `parent` this tree stands for.
-    group: bpy.types.Node | None
-    #: Link into each input socket, by the socket's address.
-    links: dict[int, bpy.types.NodeLink] = field(default_factory=dict)
-    #: Input sockets with a link that Blender shows in red and nobody follows: it closes a loop, or the types differ.
-    broken: set[int] = field(default_factory=set)
-    #: Trees of group nodes, and finished nodes, by the node's address.
-    groups: dict[int, _Tree] = field(default_factory=dict)
-    finished: dict[int, int] = field(default_factory=dict)
-    unfinished: set[int] = field(default_factory=set)
 
 
 class GraphExporter:
@@ -84,6 +68,7 @@ class GraphExporter:
         #: something else too: the time, a property of the scene.
         self.reads: set[int] = set()
         self.reads_more = False
+        self._access = Access(self._input, self._convert, self._notice)
 
     def export(self, tree: bpy.types.NodeTree, subject: str) -> NodeGraph:
         """What the active output of `tree` depends on, in an order where a node follows its inputs.
@@ -100,7 +85,7 @@ class GraphExporter:
         self._subject = subject
         self.reads, self.reads_more = set(), False
         output = _active_output(tree)
-        root = _open_tree(tree, None, None)
+        root = open_tree(tree, None, None)
         with _recursion():
             self._aovs(root)
             for socket in () if output is None else output.inputs:
@@ -110,7 +95,7 @@ class GraphExporter:
                     setattr(self._graph, name, source if isinstance(source, Link) else None)
         return self._graph
 
-    def _aovs(self, tree: _Tree) -> None:
+    def _aovs(self, tree: Tree) -> None:
         """AOV Output nodes of a tree and of its groups, of the AOVs that the view layer asks for."""
         if not self._context.aovs:
             return
@@ -125,7 +110,7 @@ class GraphExporter:
     # -----------------------------------------------------------------------------------------------------------------
     # Sockets
 
-    def _input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
+    def _input(self, tree: Tree, socket: bpy.types.NodeSocket) -> Source:
         """Link or constant of an input socket.
 
         As in Blender 5.0, the socket that a link ends at says what counts where Cycles does not know what it comes
@@ -138,7 +123,7 @@ class GraphExporter:
             return replace(source, otherwise=_constant(socket))
         return source
 
-    def _linked(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
+    def _linked(self, tree: Tree, socket: bpy.types.NodeSocket) -> Source:
         """What is linked to an input socket (a constant if a group hands one on), None if nothing is."""
         link = tree.links.get(socket.as_pointer())
         if link is None:
@@ -149,9 +134,13 @@ class GraphExporter:
         source = self._output(tree, link.from_node, link.from_socket)
         return self._convert(source, link.from_socket.type, socket.type)
 
-    def _output(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+    def _output(self, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
         """What an output socket carries."""
-        address = node.as_pointer()
+        address, turn = node.as_pointer(), tree.turn
+        if turn is not None and address not in turn.members:
+            return self._output(turn.outer, node, socket)
+        if turn is not None and address == turn.begin:
+            return turn.value(socket)
         # Reroutes, muted nodes and group boundaries may form a loop of their own, without a node to stop at.
         passes = node.mute or node.bl_idname in _PASSED or hasattr(node, "node_tree")
         mark = socket.as_pointer() if passes else address
@@ -168,40 +157,25 @@ class GraphExporter:
                 return self._group_input(tree, socket)
             if hasattr(node, "node_tree"):
                 return self._group(tree, node, socket)
-            if node.bl_idname == "GeometryNodeMenuSwitch":
-                return self._menu_switch(tree, node, socket)
+            if node.bl_idname in INLINED:
+                return INLINED[node.bl_idname](self._access, tree, node, socket)
             if address not in tree.finished:
                 tree.finished[address] = self._node(tree, node)
             return _renamed_output(self._graph.nodes[tree.finished[address]], tree.finished[address], socket)
         finally:
             tree.unfinished.discard(mark)
 
-    def _through(self, tree: _Tree, inner: bpy.types.NodeSocket, outer: bpy.types.NodeSocket) -> Source:
+    def _through(self, tree: Tree, inner: bpy.types.NodeSocket, outer: bpy.types.NodeSocket) -> Source:
         return self._convert(self._linked(tree, inner), inner.type, outer.type)
 
-    def _muted(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+    def _muted(self, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
         """Blender says which input a muted node hands on to which output."""
         for internal in node.internal_links:
             if internal.to_socket == socket:
                 return self._through(tree, internal.from_socket, socket)
         return None
 
-    def _menu_switch(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
-        """What the input carries that a menu has chosen, or whether it is the one of `socket`.
-
-        Blender too chooses before Cycles sees the tree.
-        """
-        chosen = self._input(tree, node.inputs[0])
-        names = [item.name for item in node.enum_items]
-        if chosen not in names:
-            self._notice(node, "has a menu that is not constant", "as if it were not linked")
-            return None
-        row = 1 + names.index(chosen)
-        if socket.identifier != "Output":
-            return node.outputs[row].identifier == socket.identifier
-        return self._convert(self._input(tree, node.inputs[row]), node.inputs[row].type, socket.type)
-
-    def _group_input(self, tree: _Tree, socket: bpy.types.NodeSocket) -> Source:
+    def _group_input(self, tree: Tree, socket: bpy.types.NodeSocket) -> Source:
         if tree.parent is None or tree.group is None:
             return None
         for outer in tree.group.inputs:
@@ -210,7 +184,7 @@ class GraphExporter:
                 return self._convert(source, outer.type, socket.type)
         return None
 
-    def _group(self, tree: _Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
+    def _group(self, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Source:
         if node.node_tree is None:
             self._notice(node, "is a group without a node tree", "nothing comes out of it")
             return None
@@ -222,11 +196,11 @@ class GraphExporter:
                         return self._convert(self._input(inner, inside), inside.type, socket.type)
         return None
 
-    def _open_group(self, tree: _Tree, node: bpy.types.Node) -> _Tree:
+    def _open_group(self, tree: Tree, node: bpy.types.Node) -> Tree:
         inner = tree.groups.get(node.as_pointer())
         if inner is None:
             self.reads.add(node.node_tree.original.as_pointer())
-            inner = tree.groups[node.as_pointer()] = _open_tree(node.node_tree, tree, node)
+            inner = tree.groups[node.as_pointer()] = open_tree(node.node_tree, tree, node)
         return inner
 
     def _convert(self, source: Source, from_type: str, to_type: str) -> Source:
@@ -253,7 +227,7 @@ class GraphExporter:
     # -----------------------------------------------------------------------------------------------------------------
     # Nodes
 
-    def _node(self, tree: _Tree, node: bpy.types.Node) -> int:
+    def _node(self, tree: Tree, node: bpy.types.Node) -> int:
         """Append a node after everything it depends on, and return its index."""
         inputs: dict[str, Any] = {}
         for socket in node.inputs:
@@ -400,18 +374,6 @@ def _active_output(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
     candidates = [node for node in tree.nodes if node.bl_idname in _OUTPUTS and node.target in ("ALL", "CYCLES")]
     candidates.sort(key=lambda node: (not node.is_active_output, node.target != "CYCLES"))
     return candidates[0] if candidates else None
-
-
-def _open_tree(tree: bpy.types.NodeTree, parent: _Tree | None, group: bpy.types.Node | None) -> _Tree:
-    opened = _Tree(tree, parent, group)
-    for link in tree.links:
-        if link.is_muted or link.from_socket is None or link.to_socket is None or link.from_socket.is_unavailable:
-            continue
-        if link.is_valid:
-            opened.links[link.to_socket.as_pointer()] = link
-        else:
-            opened.broken.add(link.to_socket.as_pointer())
-    return opened
 
 
 def _aov_name(node: bpy.types.Node) -> str:

@@ -17,6 +17,7 @@ from benchmarks.scenes import (
     furnished,
     geometry,
     hair,
+    inlined,
     lights,
     limits,
     linked,
@@ -43,7 +44,7 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "lights", "limits", "linked",
+    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
     "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
     "patterned_lamps", "plants", "principled", "rooms", "shape_data", "skies", "spectral", "subsurface", "textures",
     "wax",
