@@ -17,6 +17,7 @@ import numpy.typing as npt
 from engine.array_types import Float32Array
 from engine.scene.attribute_names import PARTICLE
 from engine.scene.description import (
+    VISIBLE_ALL,
     VISIBLE_CAMERA,
     VISIBLE_DIFFUSE,
     VISIBLE_GLOSSY,
@@ -265,6 +266,8 @@ def _describe(
             visibility &= ~VISIBLE_CAMERA
         if visibility == 0:
             return -1
+    else:
+        visibility &= VISIBLE_ALL
     gas = gas_of(shown) if is_mesh else None
     if gas is not None and not context.view_layer.use_volumes:
         return -1

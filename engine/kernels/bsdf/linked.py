@@ -50,7 +50,7 @@ TANGENT_ANGLE = WAVES + 2
 ADDRESS = TANGENT_ANGLE + 1
 
 #: Bit by kind: whether its kernels are linked.
-LINKED_KINDS = 1 << LINKED_DIFFUSE | 1 << LINKED_GLOSSY | 1 << LINKED_REFRACTION | 1 << LINKED_GLASS
+LINKED_KINDS = np.int64(1 << LINKED_DIFFUSE | 1 << LINKED_GLOSSY | 1 << LINKED_REFRACTION | 1 << LINKED_GLASS)
 #: The lowest bits of an address: which lobe.
 MODEL_MASK = 63
 #: Films below are none, up to 1 nm they fade in (Cycles) [nm].
@@ -199,7 +199,7 @@ def model_of(distribution):
 @kernel
 def is_linked(kind):
     """Whether a lobe's kernels are called by its address."""
-    return (LINKED_KINDS >> kind) & 1 != 0
+    return (LINKED_KINDS >> np.int64(kind)) & np.int64(1) != 0
 
 
 @kernel

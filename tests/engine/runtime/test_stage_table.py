@@ -16,8 +16,9 @@ from engine.render.session import Session
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
-from engine.scene.description import Aov, Link, Node, NodeGraph, PassSettings
+from engine.scene.description import Aov, Link, Node, NodeGraph, PassSettings, SceneDescription
 from engine.scene.grids import VolumeMotion
+from engine.scene.linking import ALL_SETS, Linking
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.media_scenes import grid_of
@@ -34,8 +35,31 @@ _OF_MEDIA = {
 }  # fmt: skip
 _OF_SUBSURFACE = {"walk_subsurface", "leave_subsurface"}
 _OF_CURVES = {"prepare_rounds", "prepare_passed_rounds"}
+_OF_LINKS = {
+    "meet_hidden_lamps", "leave_hidden_lamps", "meet_varying_lamps", "keep_varying_lamps", "add_varying_lamps",
+}  # fmt: skip
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
+
+
+def _link_lamps(description: SceneDescription) -> None:
+    """Let nothing but the first surface cast shadows in the lamps' light, and one lamp vary over its surface."""
+    instances, lamps = len(description.instances.mesh), len(description.lights)
+    every = np.full(max(instances, lamps), ALL_SETS, np.uint64)
+    description.linking = Linking(
+        np.zeros(instances, np.int32), np.minimum(np.arange(instances), 1).astype(np.int32), every[:instances],
+        every[:instances], every[:lamps], np.full(lamps, 1, np.uint64),
+    )  # fmt: skip
+    gradient = NodeGraph(
+        [
+            Node("ShaderNodeTexCoord", "Coordinates", {}, {}),
+            Node("ShaderNodeTexGradient", "Gradient", {"Vector": Link(0, "UV")}, {"gradient_type": "LINEAR"}),
+            Node("ShaderNodeEmission", "Emission", {"Color": Link(1, "Color"), "Strength": 1.0}),
+        ],
+        Link(2, "Emission"),
+    )
+    area = next(light for light in description.lights if light.kind == "AREA")
+    area.graph = gradient
 
 
 @kernel
@@ -223,6 +247,9 @@ def test_the_main_loop_passes_what_its_stages_take(
         # Shadow rays pass a strand of the clear material.
         description.meshes.append(strand())
         description.instances.mesh[1] = 1
+    has_links = method == "TABLE_RIS" and spectral == "OFF"
+    if has_links:
+        _link_lamps(description)
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
     description.passes = PassSettings(aovs=(Aov("Value", False),))
@@ -251,6 +278,8 @@ def test_the_main_loop_passes_what_its_stages_take(
         unused |= _OF_MEDIA
     if not has_subsurface:
         unused |= _OF_SUBSURFACE | _OF_CURVES
+    if not has_links:
+        unused |= _OF_LINKS
     if roulette != "LEARNED":
         unused |= {"play_adjoint_roulette"}
     assert set(stages) - set(bound) == unused
