@@ -47,6 +47,7 @@ from engine.scene.digest import content_digest
 from engine.scene.limits import check_frame, check_links, check_memory
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
+from engine.spectral.wavelengths import WAVELENGTH_COUNT
 from engine.state.camera import CameraArrays
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
@@ -57,6 +58,7 @@ from engine.state.geometry import (
     INSTANCE_VISIBILITY,
     GeometryArrays,
 )
+from engine.state.lanes import RGB
 from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import (
     PROGRAM_FLAGS,
@@ -404,7 +406,8 @@ def build_scene(
 
     check_cancel()
     tables = load_tables(description.to_xyz)
-    link_used(settings.channel_count)
+    has_wavelengths = settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
+    link_used(WAVELENGTH_COUNT if has_wavelengths else RGB)
     displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
     apart = _draw_apart(cache, displaced)
     unmarked = build_geometry(

@@ -9,6 +9,7 @@ from engine.scene.description import Link, Node, NodeGraph
 from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
 from engine.shaders.compiled_program import CompiledProgram, ProgramSource
+from engine.shaders.dispersing_facets import with_dispersing_facets
 from engine.shaders.media import LEFT_OUT, VaryingError, fold_medium, is_shader
 from engine.shaders.medium import Medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
@@ -37,6 +38,8 @@ class SurfaceCompiler:
         self.source = source
         self._pools = pools
         self._graph = source.graph if source.graph is not None else NodeGraph()
+        if source.dispersion != 0.0:
+            self._graph = with_dispersing_facets(self._graph)
         is_displaced = source.displacement_method != "BUMP" and self._graph.displacement is not None
         self._values = NodeValues(
             source.name, self._graph, pools, is_displaced=is_displaced, lamp_axes=source.lamp_axes
