@@ -41,7 +41,12 @@ def diffuse(color: tuple[float, float, float]) -> Material:
 
 def glass(ior: float, roughness: float, dispersion: float, kind: str = "Glass") -> Material:
     """White glass, or another node with a refractive index."""
-    return material(kind, dispersion, Color=(1.0, 1.0, 1.0, 1.0), Roughness=roughness, IOR=ior)
+    created = material(kind, dispersion, Color=(1.0, 1.0, 1.0, 1.0), Roughness=roughness, IOR=ior)
+    if kind == "Refraction" and created.graph is not None:
+        # Facets that disperse are GGX, so those that do not are here too.
+        for node in created.graph.nodes:
+            node.properties["distribution"] = "GGX"
+    return created
 
 
 def square(size: float, height: float, shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
