@@ -63,7 +63,7 @@ def test_the_sum_of_passes_is_the_picture(name: str, tmp_path: Path, blender: An
 
 #: A fault that is known: passes of linked facets lack some light in pixels where the estimate of their colour is off.
 _LINKED_FACETS = {"glass-beckmann", "glossy-ashikhmin-shirley", "glossy-beckmann"}
-_FAULT = pytest.mark.xfail(reason="passes of Beckmann's and Ashikhmin's facets do not sum up to the picture", strict=True)
+_FAULT = pytest.mark.xfail(reason="passes of facets by Beckmann and Ashikhmin are off in pixels", strict=True)
 
 
 def _known_fault(names: list[str], faulty: set[str]) -> list[Any]:
