@@ -406,8 +406,7 @@ def build_scene(
 
     check_cancel()
     tables = load_tables(description.to_xyz)
-    has_wavelengths = settings.spectral == "ON" or (settings.spectral == "AUTO" and description.has_dispersion)
-    link_used(WAVELENGTH_COUNT if has_wavelengths else RGB)
+    link_used(WAVELENGTH_COUNT if settings.spectral == "ON" or description.has_dispersion else RGB)
     displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
     apart = _draw_apart(cache, displaced)
     unmarked = build_geometry(

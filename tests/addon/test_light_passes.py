@@ -124,7 +124,7 @@ def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", _known_fault([*COMPARABLE[::10], *PRINCIPLED_HAIR], _LINKED_FACETS))  # all: ten minutes
+@pytest.mark.parametrize("name", _known_fault([*COMPARABLE[::10], *PRINCIPLED_HAIR], _LINKED_FACETS))  # all: long
 def test_passes_are_those_of_cycles_in_many_scenes(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)
 
