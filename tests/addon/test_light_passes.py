@@ -61,20 +61,8 @@ def test_the_sum_of_passes_is_the_picture(name: str, tmp_path: Path, blender: An
     check_sum(name, tmp_path / "i.exr")
 
 
-#: A fault that is known: passes of linked facets lack some light in pixels where the estimate of their colour is off.
-_LINKED_FACETS = {"glass-beckmann", "glossy-ashikhmin-shirley", "glossy-beckmann"}
-_FAULT = pytest.mark.xfail(reason="passes of facets by Beckmann and Ashikhmin are off in pixels", strict=True)
-
-
-def _known_fault(names: list[str], faulty: set[str]) -> list[Any]:
-    return [pytest.param(name, marks=_FAULT) if name in faulty else name for name in names]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    _known_fault(sorted(name for name, scene in SCENES.items() if scene.group != "matter_large"), _LINKED_FACETS),
-)
+@pytest.mark.parametrize("name", sorted(name for name, scene in SCENES.items() if scene.group != "matter_large"))
 def test_the_sum_of_passes_is_the_picture_in_every_builtin_scene(name: str, tmp_path: Path, blender: Any) -> None:
     check_sum(name, tmp_path / "i.exr", samples=2)
 
@@ -124,7 +112,7 @@ def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", _known_fault([*COMPARABLE[::10], *PRINCIPLED_HAIR], _LINKED_FACETS))  # all: long
+@pytest.mark.parametrize("name", [*COMPARABLE[::10], *PRINCIPLED_HAIR])  # all: ten minutes
 def test_passes_are_those_of_cycles_in_many_scenes(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)
 

@@ -25,6 +25,7 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.bsdf.linked import albedo_linked, is_linked
 from engine.kernels.bsdf.lobes import hair_albedo
 from engine.kernels.bsdf.microfacet import lobe_color
+from engine.kernels.constants import FLOAT_MIN
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_N, CLOSURE_WEIGHT, RGB
@@ -81,7 +82,8 @@ def share_lobes(closures, lane, wo, wi, visibility, fallback, value, share):
                 continue
             diffuse, glossy = value[DIFFUSE_LOBES, c], value[GLOSSY_LOBES, c]
             total = diffuse + glossy + value[TRANSMISSIVE_LOBES, c]
-            if total > 0.0:
+            # Lobes may be as narrow as Beckmann's tails: what is less brings no light, and its inverse may be infinite.
+            if total > FLOAT_MIN:
                 share[lane, c] = diffuse / total
                 share[lane, count + c] = glossy / total
             else:
