@@ -56,6 +56,14 @@ def _named(sockets: Any, name: str) -> bpy.types.NodeSocket | None:
     return next((socket for socket in sockets if socket.name == name and socket.type != "CUSTOM"), None)
 
 
+def _item(access: Access, node: bpy.types.Node, sockets: Any, name: str, verb: str) -> bpy.types.NodeSocket | None:
+    """What a bundle or a closure has under the name of one of `node`'s sockets; None is named."""
+    item = _named(sockets, name)
+    if item is None:
+        access.notice(node, f"{verb} {name!r}, which is not there", "as if it were not linked")
+    return item
+
+
 def _begin_of(tree: Tree, end: bpy.types.Node) -> bpy.types.Node | None:
     """The node that a zone begins with which ends with `end`."""
     return next((node for node in tree.tree.nodes if getattr(node, "paired_output", None) == end), None)
@@ -110,11 +118,8 @@ def _separate(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.type
     bundle = access.input(tree, node.inputs[0])
     if not isinstance(bundle, _Bundle):
         return None
-    item = _named(bundle.node.inputs, socket.name)
-    if item is None:
-        access.notice(node, f"separates {socket.name!r}, which its bundle does not have", "as if it were not linked")
-        return None
-    return _converted(access, bundle.tree, item, socket)
+    item = _item(access, node, bundle.node.inputs, socket.name, "separates")
+    return None if item is None else _converted(access, bundle.tree, item, socket)
 
 
 def _closure(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Any:
@@ -126,10 +131,8 @@ def _evaluate(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.type
     closure = access.input(tree, node.inputs[0])
     if not isinstance(closure, _Closure):
         return None
-    item = _named(closure.node.inputs, socket.name)
+    item = _item(access, node, closure.node.inputs, socket.name, "evaluates")
     if item is None:
-        problem = f"evaluates {socket.name!r}, which its closure does not have"
-        access.notice(node, problem, "as if it were not linked")
         return None
     turns = tree.turns.setdefault(node.as_pointer(), [])
     if not turns:

@@ -37,9 +37,11 @@ class SurfaceCompiler:
     def __init__(self, pools: ScenePools, source: ProgramSource) -> None:
         self.source = source
         self._pools = pools
+        #: Nodes with facets that others stand for.
+        self._replaced: list[str] = []
         self._graph = source.graph if source.graph is not None else NodeGraph()
         if source.dispersion != 0.0:
-            self._graph = with_dispersing_facets(self._graph)
+            self._graph, self._replaced = with_dispersing_facets(self._graph)
         is_displaced = source.displacement_method != "BUMP" and self._graph.displacement is not None
         self._values = NodeValues(
             source.name, self._graph, pools, is_displaced=is_displaced, lamp_axes=source.lamp_axes
@@ -55,6 +57,9 @@ class SurfaceCompiler:
     def compile(self) -> CompiledProgram:
         """Walk the graph from its surface output."""
         asked, notices = self._pools.begin()
+        for name in self._replaced:
+            problem = "facets by Beckmann that disperse are not supported"
+            self._pools.notice(f"{self.source.name} / {name}", problem, "GGX of the same roughness")
         self._surface_link, self._volume_link = (
             None if self.source.kind == "DISPLACEMENT" else self._known(link, otherwise)
             for link, otherwise in ((self._graph.surface, "no surface"), (self._graph.volume, LEFT_OUT))

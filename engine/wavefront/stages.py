@@ -72,15 +72,11 @@ from engine.wavefront.scatter import scatter
 from engine.wavefront.scatter_collisions import prepare_collisions, scatter_collisions
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission
-from engine.wavefront.shade_lights import (
-    add_varying_lamps,
-    keep_varying_lamps,
-    meet_varying_lamps,
-    shade_lights,
-)
+from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.track_media import begin_tracking, find_collisions, meet_media
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
+from engine.wavefront.varying_lamps import add_varying_lamps, keep_varying_lamps, meet_varying_lamps
 from engine.wavefront.walk_subsurface import leave_subsurface, walk_subsurface
 from engine.wavefront.work import GuidanceView, RadianceView, SceneView, UnitView, Work
 from engine.wavefront.write_data import write_aovs, write_background_vectors, write_data
