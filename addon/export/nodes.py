@@ -400,6 +400,9 @@ def _socket_value(socket: bpy.types.NodeSocket) -> Source:
     value = getattr(socket, "default_value", None)
     if value is None or isinstance(value, (str, bool, int, float)):
         return value
+    if socket.type == "VECTOR":
+        # Of two numbers or four, three count.
+        return (*value, 0.0)[:3]
     return tuple(value)
 
 
