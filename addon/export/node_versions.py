@@ -73,6 +73,9 @@ _ADDED: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 #: What nodes do otherwise than in older Blenders, without a setting of their own for it: a property that the engine
 #: reads, and the first version for which it is true.
 _CHANGED: dict[str, tuple[str, Version]] = {
+    # Before, light that facets scatter repeatedly had the colour once more.
+    "ShaderNodeBsdfDiffuse": ("tints_by_bounce", (5, 3)),
+    "ShaderNodeBsdfPrincipled": ("tints_by_bounce", (5, 3)),
     # Before, the normal between those of the corners was not normalised.
     "ShaderNodeNormalMap": ("has_unit_frame", (5, 1)),
     # Before, coordinates were wrapped first and scaled then.

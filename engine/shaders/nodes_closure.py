@@ -28,7 +28,7 @@ from engine.shaders.closure_inputs import color as _color
 from engine.shaders.closure_inputs import known as _known
 from engine.shaders.closure_inputs import normal as _normal
 from engine.shaders.closure_inputs import number as _float
-from engine.shaders.options import choice
+from engine.shaders.options import choice, flag
 from engine.shaders.program import Constant, Value, is_zero
 from engine.shaders.table import VECTOR, Implicit, Socket
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
@@ -85,10 +85,15 @@ def _roughness(node: Node, builder: Any, default: float) -> Value:
     return _float(builder, "Roughness", default)
 
 
+def _tints_by_bounce(node: Node) -> int:
+    """Whether facets of rough diffuse surfaces tint light as from Blender 5.3 on."""
+    return flag(node, "tints_by_bounce", True)
+
+
 def diffuse(node: Node, weight: Value, builder: Any) -> None:
     """Diffuse BSDF."""
     operands = (_normal(builder), _color(builder), _float(builder, "Roughness", 0.0))
-    builder.closure(ops.opcode("DIFFUSE"), weight, operands, modes=_LOBES)
+    builder.closure(ops.opcode("DIFFUSE"), weight, operands, (_tints_by_bounce(node),), modes=_LOBES)
 
 
 def translucent(node: Node, weight: Value, builder: Any) -> None:
@@ -220,14 +225,14 @@ def _plain_principled(distribution: int, normal: Value, values: Mapping[str, Val
 
 
 def _principled_lobes(
-    builder: Any, weight: Value, settings: tuple[int, int], modes: tuple[int, ...], **values: Value
+    builder: Any, weight: Value, settings: tuple[int, int, int], modes: tuple[int, ...], **values: Value
 ) -> None:
     """PRINCIPLED with everything off but `values` (and the normals).
 
     Parameters
     ----------
-    settings : tuple of 2 int
-        Distribution, and how light scatters below the surface.
+    settings : tuple of 3 int
+        Distribution, how light scatters below the surface, and whether facets tint by bounce.
     """
     normal = values.pop("normal", None) or _normal(builder)
     coat_normal = values.pop("coat_normal", None) or normal
@@ -287,6 +292,7 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
     settings = (
         _distribution(node, builder, _ZERO, "MULTI_GGX"),
         choice(node, builder, "subsurface_method", _SUBSURFACE_METHODS, "RANDOM_WALK"),
+        _tints_by_bounce(node),
     )
     if emits:
         if is_zero(coat) and is_zero(sheen):
@@ -354,7 +360,7 @@ def metallic(node: Node, weight: Value, builder: Any) -> None:
     }
     if not is_isotropic:
         values |= {"anisotropic": anisotropic, "anisotropic_rotation": rotation, "tangent": tangent}
-    _principled_lobes(builder, weight, (distribution, RANDOM_WALK), _LOBES, **values)
+    _principled_lobes(builder, weight, (distribution, RANDOM_WALK, 1), _LOBES, **values)
 
 
 def sheen(node: Node, weight: Value, builder: Any) -> None:
@@ -367,7 +373,7 @@ def sheen(node: Node, weight: Value, builder: Any) -> None:
         "sheen_roughness": _float(builder, "Roughness", 0.5),
         "sheen_tint": _color(builder),
     }
-    _principled_lobes(builder, weight, (GGX, RANDOM_WALK), _LOBES, **values)
+    _principled_lobes(builder, weight, (GGX, RANDOM_WALK, 1), _LOBES, **values)
 
 
 def subsurface(node: Node, weight: Value, builder: Any) -> None:

@@ -122,7 +122,7 @@ class SurfaceCompiler:
         builder = _ClosureBuilder(self, self._values, -1)
         if self.source.kind == "MATERIAL":
             operands = (builder.input(Socket("Normal", VECTOR, Implicit.NORMAL)), _GREY, ZERO)
-            builder.closure(ops_closure.opcode("DIFFUSE"), ONE, operands, modes=(MODE_CLOSURES,))
+            builder.closure(ops_closure.opcode("DIFFUSE"), ONE, operands, (1,), modes=(MODE_CLOSURES,))
         elif any(self.source.color):
             color = Constant(tuple(float(c) for c in self.source.color))
             builder.closure(ops_closure.OP_EMISSION, ONE, (color, ONE), modes=(MODE_CLOSURES, MODE_EMISSION))

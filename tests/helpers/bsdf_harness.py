@@ -66,6 +66,8 @@ _SCALARS = {
     "which": 0.0,
     "first": 0.5,
     "second": 0.0,
+    # Whether facets of rough diffuse surfaces tint as in Blender 5.3.
+    "tints_by_bounce": 0.0,
 }
 _COLORS = {
     "color": (1.0, 1.0, 1.0),
@@ -110,7 +112,7 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
     white = (1.0, 1.0, 1.0)
     color = _color(colors, 0)
     if node == 0:
-        add_diffuse(closures, 0, color, n, values[0], color)
+        add_diffuse(closures, 0, color, n, values[0], color, values[23] != 0.0)
     elif node == 1:
         add_glossy(
             closures, tables, 0, white, color, wo, specular_n, tangent, distribution, values[0], values[2], values[3]
@@ -155,6 +157,7 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             thin_wall=values[17],
             film_thickness=values[18],
             film_ior=values[19],
+            tints_by_bounce=values[23] != 0.0,
         )
         add_principled(closures, tables, 0, white, wo, ng, n, is_backfacing, inputs)
     elif node == 5:

@@ -20,25 +20,26 @@ MIN_DIFFUSE_ROUGHNESS = np.float32(1e-5)
 
 
 @kernel
-def add_diffuse(closures, lane, weight, n, roughness, color=None):
+def add_diffuse(closures, lane, weight, n, roughness, color=None, tints_by_bounce=True):
     """Lobe of the Diffuse BSDF: Lambert at roughness 0, else `add_oren_nayar`.
 
     `weight` includes the colour. `color` is the colour alone, used between facets if rough; None = `weight`.
+    `tints_by_bounce`: see `add_oren_nayar`.
     """
     if not roughness >= MIN_DIFFUSE_ROUGHNESS:  # NaN too
         append_closure(closures, lane, DIFFUSE, weight, n)
     elif color is None:
-        add_oren_nayar(closures, lane, weight, weight, n, roughness)
+        add_oren_nayar(closures, lane, weight, weight, n, roughness, tints_by_bounce)
     else:
-        add_oren_nayar(closures, lane, weight, color, n, roughness)
+        add_oren_nayar(closures, lane, weight, color, n, roughness, tints_by_bounce)
 
 
 @kernel(forceinline=True)
 def run_diffuse(closures, tables, lane, view, weight, memory, code, pc):
-    """Instruction `weight, normal, color, roughness`."""
+    """Instruction `weight, normal, color, roughness | whether facets tint by bounce`."""
     n = safe_normal(read3(memory, code[pc + 3]), view.ns)
     color = read3(memory, code[pc + 4])
-    add_diffuse(closures, lane, scale(color, weight), n, memory[code[pc + 5]], color)
+    add_diffuse(closures, lane, scale(color, weight), n, memory[code[pc + 5]], color, code[pc + 6])
 
 
 @kernel

@@ -55,14 +55,15 @@ def oren_nayar_f_cos(param, lane, i, n, wo, wi, cos_i):
 
 
 @kernel
-def oren_nayar_multiple(albedo, mean, scale):
-    """Colour of light that scattered more than once between facets, for one channel's albedo."""
+def oren_nayar_multiple(albedo, mean, scale, tints_by_bounce):
+    """Colour, over the lobe's weight, of light that scattered repeatedly between facets; by one channel's albedo."""
     albedo = min(max(albedo, 0.0), 1.0)
-    return scale * albedo * albedo / (1.0 - albedo * (1.0 - mean))
+    first = albedo if tints_by_bounce else albedo * albedo
+    return scale * first / (1.0 - albedo * (1.0 - mean))
 
 
 @kernel
-def add_oren_nayar(closures, lane, weight, color, n, roughness):
+def add_oren_nayar(closures, lane, weight, color, n, roughness, tints_by_bounce):
     """Energy-preserving Oren-Nayar lobe.
 
     Parameters
@@ -71,6 +72,8 @@ def add_oren_nayar(closures, lane, weight, color, n, roughness):
         Weight (colour included), and the colour alone, which saturates between bounces.
     roughness : float32
         sigma in [0, 1].
+    tints_by_bounce : int or bool
+        Whether light that two facets scatter has the colour twice, as from Blender 5.3 on; before, it had it thrice.
 
     References: Fujii 2012, "A tiny improvement of Oren-Nayar reflectance model"; OpenPBR specification 1.1.
     """
@@ -84,9 +87,9 @@ def add_oren_nayar(closures, lane, weight, color, n, roughness):
         mean = a * PI + OREN_MEAN * b
         scale = INV_PI * mean / max(1.0 - mean, 1e-20)
         multiple = (
-            oren_nayar_multiple(color[0], mean, scale),
-            oren_nayar_multiple(color[1], mean, scale),
-            oren_nayar_multiple(color[2], mean, scale),
+            oren_nayar_multiple(color[0], mean, scale, tints_by_bounce),
+            oren_nayar_multiple(color[1], mean, scale, tints_by_bounce),
+            oren_nayar_multiple(color[2], mean, scale, tints_by_bounce),
         )
         store_color(closures.param, lane, i, OREN_MULTIPLE, multiple)
 

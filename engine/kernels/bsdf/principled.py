@@ -110,6 +110,7 @@ class PrincipledInputs(NamedTuple):
     thin_wall: float
     film_thickness: float
     film_ior: float
+    tints_by_bounce: int
 
 
 @kernel
@@ -142,7 +143,10 @@ def _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs):
         weight_below = scale(multiply(weight, clamped_color), share)
         if inputs.thin_wall != 0.0:
             anisotropy = inputs.subsurface.anisotropy
-            add_thin_subsurface(closures, lane, weight_below, clamped_color, n, diffuse_roughness, anisotropy)
+            by_bounce = inputs.tints_by_bounce
+            add_thin_subsurface(
+                closures, lane, weight_below, clamped_color, n, diffuse_roughness, by_bounce, anisotropy
+            )
         else:
             roughness = clamp_unit(inputs.roughness)
             add_subsurface(
@@ -153,7 +157,7 @@ def _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs):
     if diffuse_roughness < WEIGHT_CUTOFF:
         append_closure(closures, lane, DIFFUSE, diffuse_weight, n)
     else:
-        add_oren_nayar(closures, lane, diffuse_weight, base_color, n, diffuse_roughness)
+        add_oren_nayar(closures, lane, diffuse_weight, base_color, n, diffuse_roughness, inputs.tints_by_bounce)
 
 
 @kernel
@@ -281,7 +285,8 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
     """Instruction `weight, normal, coat normal, tangent, base color, metallic, roughness, diffuse roughness, ior,
     specular level, specular tint, anisotropic, rotation, transmission, coat weight, coat roughness, coat ior, coat
     tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha, subsurface weight,
-    radius, scale, ior, anisotropy, thin wall, film thickness, film ior | distribution, subsurface method`.
+    radius, scale, ior, anisotropy, thin wall, film thickness, film ior | distribution, subsurface method,
+    whether facets tint by bounce`.
     """
     n = safe_normal(read3(memory, code[pc + 3]), view.ns)
     inputs = PrincipledInputs(
@@ -319,6 +324,7 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
         thin_wall=memory[code[pc + 31]],
         film_thickness=memory[code[pc + 32]],
         film_ior=memory[code[pc + 33]],
+        tints_by_bounce=code[pc + 36],
     )
     weights = (weight, weight, weight)
     add_principled(closures, tables, lane, weights, view.wo, view.ng, n, view.is_backfacing, inputs)

@@ -120,14 +120,13 @@ def add_thin_glass(closures, tables, lane, weight, wo, n, alpha, ior, specular_t
 
 
 @kernel
-def add_thin_subsurface(closures, lane, weight, color, n, roughness, anisotropy):
+def add_thin_subsurface(closures, lane, weight, color, n, roughness, tints_by_bounce, anisotropy):
     """Append a sheet of something dense: what it lets through, and what it sends back, are diffuse.
 
     Parameters
     ----------
-    weight, color, n
+    weight, color, n, roughness, tints_by_bounce
         As `add_oren_nayar`.
-    roughness : float32
     anisotropy : float32
         Of the light that it scatters: 1 lets all through, -1 sends all back.
     """
@@ -137,9 +136,9 @@ def add_thin_subsurface(closures, lane, weight, color, n, roughness, anisotropy)
         append_closure(closures, lane, DIFFUSE, back, n)
         add_translucent(closures, lane, through, n)
         return
-    add_oren_nayar(closures, lane, back, color, n, roughness)
+    add_oren_nayar(closures, lane, back, color, n, roughness, tints_by_bounce)
     first = closures.count[lane]
-    add_oren_nayar(closures, lane, through, color, n, roughness)
+    add_oren_nayar(closures, lane, through, color, n, roughness, tints_by_bounce)
     if closures.count[lane] > first:
         closures.kind[lane, first] = THIN_TRANSLUCENT
 

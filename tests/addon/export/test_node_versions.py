@@ -26,3 +26,11 @@ def test_backward_scattering_counts_as_even_before_blender_5_2(kind: str, name: 
     monkeypatch.setattr(node_versions, "is_since", lambda since: True)
     (node,) = node_versions.modernize(Node(kind, kind, {name: -0.6}), 7)
     assert node.inputs[name] == -0.6
+
+
+@pytest.mark.parametrize("version", [(5, 0), (5, 2), (5, 3)])
+@pytest.mark.parametrize("kind", ["ShaderNodeBsdfDiffuse", "ShaderNodeBsdfPrincipled"])
+def test_rough_diffuse_says_how_its_version_tints(kind: str, version: tuple[int, int], monkeypatch: Any) -> None:
+    monkeypatch.setattr(node_versions, "is_since", lambda since: version >= since)
+    node = node_versions.modernize(Node(kind, kind), 0)[-1]
+    assert node.properties["tints_by_bounce"] == (version >= (5, 3))

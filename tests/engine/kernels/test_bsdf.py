@@ -135,6 +135,37 @@ def test_white_energy_preserving_lobes_lose_nothing(roughness: float, cosine: fl
         np.testing.assert_allclose(albedo, 1.0, atol=3e-3, err_msg=f"node {node}")
 
 
+#: Albedos of roughness 0.9 and colour (0.2, 0.4, 0.8) at a cosine of 1 and of cos(1.2), by Cycles 5.0.1 and 5.3.0: the
+#: same of the Diffuse BSDF, of the Principled BSDF without specular light, and of a thin wall that sends all back.
+ROUGH_ALBEDOS = {
+    0.0: ((0.16029, 0.32958, 0.73705), (0.18263, 0.36919, 0.77245)),
+    1.0: ((0.16604, 0.34739, 0.76246), (0.18515, 0.37699, 0.78358)),
+}
+
+
+@pytest.mark.parametrize("tints_by_bounce", ROUGH_ALBEDOS)
+@pytest.mark.parametrize(
+    "case",
+    [
+        Case(DIFFUSE, {"roughness": 0.9}),
+        Case(PRINCIPLED, {"diffuse_roughness": 0.9, "specular_level": 0.0, "roughness": 1.0}),
+        Case(
+            PRINCIPLED,
+            {
+                **{"diffuse_roughness": 0.9, "specular_level": 0.0, "roughness": 1.0},
+                **{"thin_wall": 1.0, "subsurface": 1.0, "anisotropy": -1.0},
+            },
+        ),
+    ],
+    ids=["diffuse", "principled", "leaf"],
+)
+def test_rough_diffuse_is_tinted_as_in_the_version_that_renders(case: Case, tints_by_bounce: float) -> None:
+    inputs = {**case.inputs, "color": (0.2, 0.4, 0.8), "tints_by_bounce": tints_by_bounce}
+    for cosine, expected in zip((1.0, np.cos(1.2)), ROUGH_ALBEDOS[tints_by_bounce], strict=True):
+        albedo = Lobes(Case(case.node, inputs), wo=at_cosine(cosine)).albedo(14)
+        np.testing.assert_allclose(albedo, expected, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     "inputs",
     [
