@@ -10,7 +10,10 @@ from pathlib import Path
 
 from benchmarks.chart_commands import CHART_COMMANDS, add_chart_commands, run_chart_command
 from benchmarks.farm import add_arguments as add_farm_arguments
+from benchmarks.files import add_arguments as add_file_arguments
+from benchmarks.files import files
 from benchmarks.fingerprints import add_arguments as add_fingerprint_arguments
+from benchmarks.fingerprints import fingerprints
 from benchmarks.papers import PROTOCOLS
 from benchmarks.scene_files import BUILTIN, SceneSource, expand
 from benchmarks.stability import add_arguments as add_stability_arguments
@@ -90,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     text = "how soon a viewport answers, and what it leaves behind"
     add_viewport_arguments(commands.add_parser("viewport", help=text, description=text))
     add_farm_arguments(commands)
+    add_file_arguments(commands)
     text = "a viewport beside Cycles' at equal seconds after a move of the camera"
     add_race_arguments(commands.add_parser("viewport-race", help=text, description=text))
     commands.add_parser("scenes", help="list the scenes built by script")
@@ -125,12 +129,12 @@ def main(arguments: list[str] | None = None) -> int:
         return run_chart_command(chosen, SHORT_SET)
     from benchmarks.rivals import Budget, find_rival
 
-    if chosen.command in ("fingerprints", "stability"):
-        from benchmarks.fingerprints import fingerprints
+    if chosen.command in ("files", "fingerprints", "stability"):
         from benchmarks.stability import stability
 
+        command = {"files": files, "fingerprints": fingerprints, "stability": stability}[chosen.command]
         try:
-            return 1 if (fingerprints(chosen) if chosen.command == "fingerprints" else stability(chosen)) else 0
+            return 1 if command(chosen) else 0
         except ValueError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2

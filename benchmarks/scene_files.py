@@ -125,7 +125,7 @@ def hide_lamps(scene: Any) -> None:
     The edges of small bright lamps carry most of the noise of an image's mean, and say nothing about the transport.
     """
     for item in scene.objects:
-        if item.type == "LIGHT" or any(_emits(slot.material) for slot in item.material_slots):
+        if item.type == "LIGHT" or any(emits(slot.material) for slot in item.material_slots):
             item.visible_camera = False
 
 
@@ -140,7 +140,7 @@ def restore_defaults(scene: Any) -> None:
         scene.cycles.property_unset(name)
 
 
-def _emits(material: Any) -> bool:
+def emits(material: Any) -> bool:
     """Whether a material's tree has an Emission node, or a Principled BSDF whose emission is linked or not black."""
     if material is None or material.node_tree is None:
         return False
