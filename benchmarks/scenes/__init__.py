@@ -31,6 +31,7 @@ from benchmarks.scenes import (
     node_rays,
     patterned_lamps,
     plants,
+    portals,
     principled,
     rooms,
     shape_data,
@@ -46,6 +47,6 @@ __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
     "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
-    "patterned_lamps", "plants", "principled", "rooms", "shape_data", "skies", "spectral", "subsurface", "textures",
-    "wax",
+    "patterned_lamps", "plants", "portals", "principled", "rooms", "shape_data", "skies", "spectral", "subsurface",
+    "textures", "wax",
 ]  # fmt: skip
