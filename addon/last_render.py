@@ -48,6 +48,12 @@ def guiding_sentence(scene: bpy.types.Scene) -> str:
     return next((sentence for sentence in sentences if sentence), "")
 
 
+def cache_sentence(scene: bpy.types.Scene) -> str:
+    """What ending paths in a radiance cache came to in the last render of a scene, '' where it was unbiased."""
+    sentences = [one.report.guiding.cache_sentence for one in last_outcomes(scene) if one.report is not None]
+    return next((sentence for sentence in sentences if sentence), "")
+
+
 def objects_of(scene: bpy.types.Scene, subject: str) -> list[bpy.types.Object]:
     """Objects of a scene that the subject of a notice means.
 
@@ -152,6 +158,9 @@ class NEURALGUIDE_PT_last_render(bpy.types.Panel):  # noqa: N801
         layout, scene = self.layout, context.scene
         for text, icon in _headlines(scene):
             draw_text(layout, context, text, icon)
+        accuracy = cache_sentence(scene)
+        if accuracy:
+            draw_text(layout, context, accuracy)
         notices = last_notices(scene)
         if not notices:
             layout.label(text="Everything in the scene is rendered as it asks for", icon="CHECKMARK")

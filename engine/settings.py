@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, TypeVar
 
+from engine.accuracy import ACCURACIES, MEASURED
 from engine.methods import METHODS, SOURCES, TRAINED_PREDICTORS, Method, rungs_of
 
 #: Sections of settings for experiments.
@@ -195,14 +196,7 @@ class RenderSettings:
         "OFF", "Accuracy",
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
         "Guiding",
-        choices=(
-            Choice("OFF", "Unbiased", "Paths find all light themselves"),
-            Choice("FAST", "Fast", "Biased: what was not learned is left out. For previews"),
-            Choice(
-                "CONVERGING", "Converging",
-                "Some paths go on and measure what the learned light lacks: the image gets as right as one wants",
-            ),
-        ),
+        choices=tuple(Choice(*facts) for facts in ACCURACIES),
     )
     spectral: str = _declare(
         "AUTO", "Spectral", "Whether light has wavelengths, or red, green and blue", "Sampling",
@@ -491,6 +485,11 @@ class RenderSettings:
     def is_guided(self) -> bool:
         """Whether anything is to be learned: AUTO leaves renders alone that end before guiding can pay."""
         return self.guiding_method != "OFF" and (self.guiding_method != "AUTO" or self.samples >= LEAST_GUIDED_SAMPLES)
+
+    @property
+    def measures_cache(self) -> bool:
+        """Whether paths end in the radiance cache, and some measure what that lacks."""
+        return self.radiance_cache in MEASURED
 
     @property
     def learns_roulette(self) -> bool:

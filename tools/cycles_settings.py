@@ -162,7 +162,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "Light", "light.cycles",
         (
             *_rows("works", "max_bounces use_multiple_importance_sampling"),
-            *_rows("said", "is_portal is_caustics_light"),
+            *_rows("works", "is_portal"),
+            *_rows("said", "is_caustics_light"),
         ),
     ),
     (

@@ -21,7 +21,22 @@ STRUCTURE = {
     "NodeClosureOutput", "NodeCombineBundle", "NodeEvaluateClosure", "NodeFrame", "NodeGroupInput", "NodeGroupOutput",
     "NodeReroute", "NodeSeparateBundle", "ShaderNodeCustomGroup", "ShaderNodeGroup", "ShaderNodeOutputAOV",
     "ShaderNodeOutputLight", "ShaderNodeOutputLineStyle", "ShaderNodeOutputMaterial", "ShaderNodeOutputWorld",
+    "NodeComment", "ShaderNodeLightIterInternalOutput",
 }  # fmt: skip
+
+#: Cycles does not know them: they are shown as it shows them, and named (tests/addon/test_switches.py).
+AS_IN_CYCLES = {
+    "ShaderNodeEeveeSpecular", "ShaderNodeLightAccumulation", "ShaderNodeLightEvaluation", "ShaderNodeLightInfo",
+    "ShaderNodeLightIterInternalInput", "ShaderNodeShaderToRGB", "ShaderNodeShadowRaycast", "ShaderNodeSqueeze",
+    "ShaderNodeUVAlongStroke",
+}  # fmt: skip
+
+#: What the export says of some settings of nodes that it resolves.
+PARTLY_RESOLVED = {
+    "FunctionNodeFindInString": "modes but From Start are not supported → as if it were not linked",
+    "FunctionNodeStringToValue": "bases but 10 are not supported → as if it were not linked",
+    "FunctionNodeValueToString": "bases but 10 and padding are not supported → as if it were not linked",
+}
 
 
 def kinds(tree: Any) -> list[str]:

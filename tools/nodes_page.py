@@ -28,10 +28,11 @@ each output, linked input and value of a menu. A test fails where a Blender has 
 - **yes**: all of it means what it means in Cycles.
 - **partly**: a message names the part behind it, and says what is shown instead.
 - **no**: a message names the node.
+- **as in Cycles**: Cycles does not know the node either; a message names it, and the picture is the same.
 
 *Beside Cycles* says where the node is compared: groups of scenes (`benchmarks/scenes`), single values (*values*) and
 random trees (*fuzz*). Groups, reroutes, frames, muted nodes, Menu Switches, repeat zones, bundles, closures and outputs
-are resolved when a scene is exported.
+are resolved when a scene is exported. So are switches, whole numbers, truth and strings, as mixes where they vary.
 
 ## Blender {BASE}
 """
@@ -41,6 +42,7 @@ _NEWER = "\n## Blender {}: what is another\n"
 #: Beside the point: what a node lacks in this question, not in the engine.
 _LACKS = ("has no image", "has no table", "photometric data", "is a shader linked to a value")
 _VALUES = ("tests/engine/shaders", "tests/engine/kernels")
+_SHEET = "tests/addon/test_switches.py"
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Row:
     problems : tuple of str
         Reported parts, and what is shown instead; () = all of it works.
     works : str
-        'yes', 'partly' or 'no'.
+        'yes', 'partly', 'no' or 'as in Cycles'.
     """
 
     kind: str
@@ -87,9 +89,17 @@ def rows() -> list[Row]:
 
 
 def _row(tree: Any, kind: str) -> Row:
+    from addon.export.inlined_nodes import INLINED
     from engine.scene.description import Link
     from engine.shaders import media
-    from tools.node_registry import notices, properties_of, settings_of, variants
+    from tools.node_registry import (
+        AS_IN_CYCLES,
+        PARTLY_RESOLVED,
+        notices,
+        properties_of,
+        settings_of,
+        variants,
+    )
 
     inputs: set[str] = set()
     outputs: set[str] = set()
@@ -116,6 +126,11 @@ def _row(tree: Any, kind: str) -> Row:
     if not outputs and not _is_known(kind):
         whole[""], problems["what is linked to it is reported"] = True, None
     works = "yes" if not problems else "no" if whole and all(whole.values()) else "partly"
+    if kind in INLINED:
+        problems = {PARTLY_RESOLVED[kind]: None} if kind in PARTLY_RESOLVED else {}
+        works = "partly" if problems else "yes"
+    elif kind in AS_IN_CYCLES:
+        works = "as in Cycles"
     return Row(kind, label, len(inputs), len(outputs), values, works, tuple(problems))
 
 
@@ -126,8 +141,9 @@ def _compared() -> dict[str, str]:
         for name in re.findall(r'nodes(?:\.node)?\(\s*"(\w+)"', path.read_text("utf-8")):
             found.setdefault(f"ShaderNode{name}", {})[path.stem.replace("_", " ")] = None
     for folder in _VALUES:
-        for path in sorted((_ROOT / folder).glob("*_cycles.py")) + sorted((_ROOT / folder).glob("test_cycles.py")):
-            for name in re.findall(r'"((?:Shader|Function|Geometry)Node\w+)"', path.read_text("utf-8")):
+        paths = sorted((_ROOT / folder).glob("*_cycles.py")) + sorted((_ROOT / folder).glob("test_cycles.py"))
+        for path in [*paths, _ROOT / _SHEET]:
+            for name in re.findall(r'"((?:Shader|Function|Geometry|)Node\w+)"', path.read_text("utf-8")):
                 found.setdefault(name, {})["values"] = None
     return {kind: ", ".join(places) for kind, places in found.items()}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nodes that only say what is linked to what: menus, repeat zones, bundles, closures.
+"""Nodes that only say what is linked to what: menus, switches, repeat zones, bundles, closures.
 
 Blender resolves them before Cycles sees a tree, and so does the export: a repeat zone becomes as many copies of its
 nodes as it has iterations.
@@ -13,7 +13,11 @@ from typing import Any, NamedTuple
 
 import bpy
 
+from engine.scene.description import Link
+
+from . import switches
 from .node_trees import Tree, open_turn
+from .strings import STRINGS
 
 #: Iterations of a repeat zone beyond these are left out, and named.
 MOST_ITERATIONS = 1024
@@ -25,11 +29,17 @@ class Access(NamedTuple):
     input : what an input socket carries in a tree
     convert : a value as a socket of another type has it
     notice : says what is wrong with a node, and what is shown
+    output : what an output socket of a node carries in a tree
+    add : a new node of a kind: its output, inputs and properties
+    constant : the value of a link to a node that is a constant, else None
     """
 
     input: Callable[[Tree, bpy.types.NodeSocket], Any]
     convert: Callable[[Any, str, str], Any]
     notice: Callable[[bpy.types.Node, str, str], None]
+    output: Callable[[Tree, bpy.types.Node, bpy.types.NodeSocket], Any]
+    add: Callable[[str, str, dict[str, Any], dict[str, Any]], Link]
+    constant: Callable[[Any], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +48,13 @@ class _Bundle:
 
     tree: Tree
     node: bpy.types.Node
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """Bundles one after the other: of several items of a name, the last counts."""
+
+    parts: tuple[_Bundle | _Joined, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +71,6 @@ def _converted(access: Access, tree: Tree, inner: bpy.types.NodeSocket, outer: b
 
 def _named(sockets: Any, name: str) -> bpy.types.NodeSocket | None:
     return next((socket for socket in sockets if socket.name == name and socket.type != "CUSTOM"), None)
-
-
-def _item(access: Access, node: bpy.types.Node, sockets: Any, name: str, verb: str) -> bpy.types.NodeSocket | None:
-    """What a bundle or a closure has under the name of one of `node`'s sockets; None is named."""
-    item = _named(sockets, name)
-    if item is None:
-        access.notice(node, f"{verb} {name!r}, which is not there", "as if it were not linked")
-    return item
 
 
 def _begin_of(tree: Tree, end: bpy.types.Node) -> bpy.types.Node | None:
@@ -113,13 +122,30 @@ def _bundle(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.types.
     return _Bundle(tree, node)
 
 
+def _join(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Any:
+    links = [link for link in tree.tree.links if link.to_socket == node.inputs[0] and not link.is_muted]
+    given = [access.output(tree, link.from_node, link.from_socket) for link in links]
+    return _Joined(tuple(bundle for bundle in given if isinstance(bundle, (_Bundle, _Joined))))
+
+
+def _bundles(bundle: _Bundle | _Joined) -> list[_Bundle]:
+    """All that were joined, the one that counts first."""
+    if isinstance(bundle, _Bundle):
+        return [bundle]
+    return [inner for part in reversed(bundle.parts) for inner in _bundles(part)]
+
+
 def _separate(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Any:
     """The item of a bundle that has the socket's name."""
-    bundle = access.input(tree, node.inputs[0])
-    if not isinstance(bundle, _Bundle):
+    given = access.input(tree, node.inputs[0])
+    if not isinstance(given, (_Bundle, _Joined)):
         return None
-    item = _item(access, node, bundle.node.inputs, socket.name, "separates")
-    return None if item is None else _converted(access, bundle.tree, item, socket)
+    for bundle in _bundles(given):
+        item = _named(bundle.node.inputs, socket.name)
+        if item is not None:
+            return _converted(access, bundle.tree, item, socket)
+    access.notice(node, f"separates {socket.name!r}, which is not there", "as if it were not linked")
+    return None
 
 
 def _closure(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Any:
@@ -131,8 +157,9 @@ def _evaluate(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.type
     closure = access.input(tree, node.inputs[0])
     if not isinstance(closure, _Closure):
         return None
-    item = _item(access, node, closure.node.inputs, socket.name, "evaluates")
+    item = _named(closure.node.inputs, socket.name)
     if item is None:
+        access.notice(node, f"evaluates {socket.name!r}, which is not there", "as if it were not linked")
         return None
     turns = tree.turns.setdefault(node.as_pointer(), [])
     if not turns:
@@ -150,8 +177,17 @@ def _evaluate(access: Access, tree: Tree, node: bpy.types.Node, socket: bpy.type
 INLINED: dict[str, Callable[[Access, Tree, bpy.types.Node, bpy.types.NodeSocket], Any]] = {
     "GeometryNodeMenuSwitch": _menu_switch,
     "GeometryNodeRepeatOutput": _repeat,
+    "GeometryNodeSwitch": switches.switch,
+    "GeometryNodeIndexSwitch": switches.index_switch,
+    "GeometryNodeWarning": switches.warning,
+    "FunctionNodeBooleanMath": switches.boolean_math,
+    "FunctionNodeIntegerMath": switches.integer_math,
+    "FunctionNodeGetVectorComponent": switches.vector_component,
+    "NodeEnableOutput": switches.enable_output,
+    "NodeImplicitConversion": switches.implicit_conversion,
+    "NodeJoinBundle": _join,
     "NodeCombineBundle": _bundle,
     "NodeSeparateBundle": _separate,
     "NodeClosureOutput": _closure,
     "NodeEvaluateClosure": _evaluate,
-}
+} | STRINGS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from engine.array_types import Float32Array
-from engine.scene.description import Light
+from engine.scene.description import Light, Portal
 
 from ..versions import BRIGHTER_AREA_LIGHTS, is_since, read_setting, uses_nodes
 from .context import ExportContext, cycles_property
@@ -32,6 +32,8 @@ class LightExporter:
     def __init__(self, context: ExportContext, graphs: GraphExporter) -> None:
         self._context = context
         self._graphs = graphs
+        #: Light portals among what has been exported.
+        self.portals: list[Portal] = []
         #: By address.
         self._shared: dict[int, dict[str, Any]] = {}
 
@@ -44,7 +46,7 @@ class LightExporter:
         random: float,
         key: object,
     ) -> Light | None:
-        """One appearance of a light object; None for portals, which emit nothing.
+        """One appearance of a light object; None for portals, which emit nothing: they are kept in `portals`.
 
         Parameters
         ----------
@@ -60,7 +62,7 @@ class LightExporter:
         data = light_object.data
         name = light_object.name
         if data.type == "AREA" and cycles_property(data, "is_portal", False):
-            self._context.notice(name, "light portals are not supported", "no portal; the sky is sampled without it")
+            self.portals.append(Portal(transform, **_rectangle(data)))
             return None
         address = data.as_pointer()
         shared = self._shared.get(address)
@@ -101,8 +103,12 @@ def _sun(data: bpy.types.SunLight) -> dict[str, Any]:
 
 
 def _area(data: bpy.types.AreaLight) -> dict[str, Any]:
+    return _rectangle(data) | {"spread": data.spread}
+
+
+def _rectangle(data: bpy.types.AreaLight) -> dict[str, Any]:
     size_y = data.size_y if data.shape in ("RECTANGLE", "ELLIPSE") else data.size
-    return {"shape": data.shape, "size_x": data.size, "size_y": size_y, "spread": data.spread}
+    return {"shape": data.shape, "size_x": data.size, "size_y": size_y}
 
 
 #: By kind: the fields of `Light` that only this kind has.

@@ -26,6 +26,8 @@ class Tree:
     groups: dict[int, Tree] = field(default_factory=dict)
     finished: dict[int, int] = field(default_factory=dict)
     unfinished: set[int] = field(default_factory=set)
+    #: What outputs carry of nodes that are resolved, by the socket's address.
+    carried: dict[int, Any] = field(default_factory=dict)
     #: What this is one turn of, None: of no zone.
     turn: Turn | None = None
     #: Turns of zones, by the address of the node that asks for them.

@@ -68,7 +68,10 @@ class GraphExporter:
         #: something else too: the time, a property of the scene.
         self.reads: set[int] = set()
         self.reads_more = False
-        self._access = Access(self._input, self._convert, self._notice)
+        self._access = Access(
+            self._input, self._convert, self._notice, self._output, self._add,
+            lambda source: _constant_of(self._graph, source),
+        )  # fmt: skip
 
     def export(self, tree: bpy.types.NodeTree, subject: str) -> NodeGraph:
         """What the active output of `tree` depends on, in an order where a node follows its inputs.
@@ -158,7 +161,9 @@ class GraphExporter:
             if hasattr(node, "node_tree"):
                 return self._group(tree, node, socket)
             if node.bl_idname in INLINED:
-                return INLINED[node.bl_idname](self._access, tree, node, socket)
+                if mark not in tree.carried:
+                    tree.carried[mark] = INLINED[node.bl_idname](self._access, tree, node, socket)
+                return tree.carried[mark]
             if address not in tree.finished:
                 tree.finished[address] = self._node(tree, node)
             return _renamed_output(self._graph.nodes[tree.finished[address]], tree.finished[address], socket)
@@ -242,6 +247,11 @@ class GraphExporter:
         result = Node(node.bl_idname, node.name, inputs, properties, changed_parts(node, properties))
         self._graph.nodes.extend(modernize(result, len(self._graph.nodes)))
         return len(self._graph.nodes) - 1
+
+    def _add(self, kind: str, output: str, inputs: dict[str, Any], properties: dict[str, Any]) -> Link:
+        """A node that stands for others of the tree."""
+        self._graph.nodes.append(Node(kind, "conversion", inputs, properties))
+        return Link(len(self._graph.nodes) - 1, output)
 
     def _properties(self, node: bpy.types.Node) -> dict[str, Any]:
         properties: dict[str, Any] = {}
@@ -360,6 +370,15 @@ def _recursion() -> Iterator[None]:
         sys.setrecursionlimit(limit)
 
 
+def _constant_of(graph: NodeGraph, source: Source) -> Any:
+    """The value of a node that is nothing else, None of others."""
+    if not isinstance(source, Link):
+        return None
+    node = graph.nodes[source.node]
+    is_constant = node.kind in ("ShaderNodeValue", "ShaderNodeRGB") or node.kind in _VALUE_PROPERTY
+    return node.properties.get("value") if is_constant else None
+
+
 def _scene_time(scene: bpy.types.Scene) -> dict[str, float]:
     frame = scene.frame_current + scene.frame_subframe
     return {"frame": frame, "seconds": frame * scene.render.fps_base / scene.render.fps}
@@ -400,16 +419,21 @@ def _socket_value(socket: bpy.types.NodeSocket) -> Source:
     value = getattr(socket, "default_value", None)
     if value is None or isinstance(value, (str, bool, int, float)):
         return value
+    if socket.type == "VECTOR":
+        # Of two numbers or four, three count.
+        return (*value, 0.0)[:3]
     return tuple(value)
 
 
 def _convert_constant(value: Any, from_type: str, to_type: str) -> Any:
     if isinstance(value, tuple):
         red, green, blue = value[:3]
+        if to_type == "BOOLEAN" and from_type != "RGBA":
+            return any(value[:3])
         if to_type in _FLOAT_SOCKETS:
             weights = _LUMINANCE if from_type == "RGBA" else (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
             value = red * weights[0] + green * weights[1] + blue * weights[2]
-            return int(value) if to_type == "INT" else value
+            return int(value) if to_type == "INT" else value > 0.0 if to_type == "BOOLEAN" else value
         return (red, green, blue, 1.0) if to_type == "RGBA" else (red, green, blue)
     if isinstance(value, str):
         return None
@@ -419,6 +443,8 @@ def _convert_constant(value: Any, from_type: str, to_type: str) -> Any:
         return (float(value),) * 3 + (1.0,)
     if to_type == "STRING":
         return None
+    if to_type == "BOOLEAN":
+        return value > 0
     return int(value) if to_type == "INT" else float(value)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 
-from engine.scene.description import Camera, Frame, Instances, Light, Mesh, SceneDescription
+from engine.scene.description import Camera, Frame, Instances, Light, Mesh, Portal, SceneDescription
 
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import working_space
@@ -132,7 +132,9 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     if camera_object is not None:
         cull(context, camera_object, frame, appearances)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
-    lights, lamps = _export_lights(context, graphs, appearances)
+    lights, lamps, portals = _export_lights(context, graphs, appearances)
+    if world is not None and studio is None:
+        world.portals = portals
     images.close()
     notice_scene(context)
     description = SceneDescription(
@@ -322,8 +324,8 @@ def _drop_broken(
 
 def _export_lights(
     context: ExportContext, graphs: GraphExporter, appearances: Appearances
-) -> tuple[list[Light], list[Appearance]]:
-    """Lights, and what each is an appearance of."""
+) -> tuple[list[Light], list[Appearance], list[Portal]]:
+    """Lights, what each is an appearance of, and light portals."""
     lights: list[Light] = []
     lamps: list[Appearance] = []
     exporter = LightExporter(context, graphs)
@@ -350,4 +352,4 @@ def _export_lights(
         if light is not None:
             lights.append(light)
             lamps.append(kind)
-    return lights, lamps
+    return lights, lamps, exporter.portals

@@ -44,7 +44,7 @@ def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
     own = {name: setting_value(scene, cycles_name) for name, cycles_name in _OWN_SETTINGS.items()}
     return replace(
         settings, **own, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, strata=0,
-        guiding_method=_method(settings.guiding_method, samples),
+        guiding_method=_method(settings.guiding_method, samples), radiance_cache=_cache(settings.radiance_cache),
     )  # fmt: skip
 
 
@@ -59,6 +59,11 @@ def _method(name: str, samples: int) -> str:
         return "OFF"
     source = METHODS[name].source
     return source if source and not SOURCES[source].is_network else "VMM"
+
+
+def _cache(kind: str) -> str:
+    """A cache starts anew with every edit too: a viewport has one where a user has chosen it."""
+    return "OFF" if kind == "AUTO" else kind
 
 
 def is_paused(scene: bpy.types.Scene, region_data: bpy.types.RegionView3D) -> bool:

@@ -1,46 +1,86 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ray portals: surfaces behind which rays go on from another place."""
+"""Rooms that a world lights through openings with light portals."""
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
+import bpy
+
+from benchmarks.scenes.lights import sky_image
 from benchmarks.scenes.registry import scene
-from benchmarks.scenes.studio import Nodes, Socket, add_object, diffuse, light, material, quad, sphere, stage, world
+from benchmarks.scenes.studio import (
+    Nodes,
+    Socket,
+    add_object,
+    box,
+    camera,
+    diffuse,
+    mesh,
+    resolution,
+    show,
+    world,
+    world_nodes,
+)
+
+#: Half the size of the room in x and y, its height [m].
+_HALF, _HEIGHT = 2.5, 2.6
 
 
-def _halls() -> None:
-    """The stage and another floor 20 m apart, each with a ball and a lamp under a dim sky."""
-    stage()
-    world((0.1, 0.12, 0.15))
-    add_object("There", quad("There", diffuse((0.7, 0.6, 0.4)), 12.0, 12.0), (20.0, 0.0, 0.0))
-    for x, color, energy in ((0.0, (0.2, 0.4, 0.8), 100.0), (20.0, (0.9, 0.4, 0.1), 300.0)):
-        add_object("Ball", sphere("Ball", diffuse(color), 0.5), (x + 1.0, -0.2, 0.5))
-        light("AREA", energy, (x + 2.0, -2.0, 4.0), size=1.5)
+def _frame(name: str, outer: Any, inner: Any, to_3d: Any, surface: Any) -> None:
+    """A wall with a rectangular hole; `outer` and `inner` are (left, bottom, right, top) in its plane."""
+    corners = []
+    for left, bottom, right, top in (outer, inner):
+        corners += [(left, bottom), (right, bottom), (right, top), (left, top)]
+    faces = [(0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    add_object(name, mesh(name, [to_3d(*corner) for corner in corners], faces, surface))
 
 
-@scene("ray-portal", samples=128)
-def ray_portal() -> None:
-    """A tinted portal upright in one hall, through which cameras and light see the other."""
-    _halls()
+def _portal(location: Any, rotation: Any, **shape: Any) -> None:
+    data = bpy.data.lights.new("Portal", "AREA")
+    for name, value in shape.items():
+        setattr(data, name, value)
+    data.cycles.is_portal = True
+    add_object("Portal", data, location).rotation_euler = [math.radians(angle) for angle in rotation]
+
+
+def _room() -> None:
+    """A closed room with a small window in its left wall and a hole in its ceiling."""
+    resolution(64, 48)
+    h = _HALF
+    walls = diffuse((0.75, 0.72, 0.68), "walls")
+    for name, corners in {
+        "Floor": [(-h, -h, 0), (h, -h, 0), (h, h, 0), (-h, h, 0)],
+        "Back": [(-h, h, 0), (h, h, 0), (h, h, _HEIGHT), (-h, h, _HEIGHT)],
+        "Front": [(-h, -h, 0), (h, -h, 0), (h, -h, _HEIGHT), (-h, -h, _HEIGHT)],
+        "Right": [(h, -h, 0), (h, h, 0), (h, h, _HEIGHT), (h, -h, _HEIGHT)],
+    }.items():
+        add_object(name, mesh(name, corners, [(0, 1, 2, 3)], walls))
+    _frame("Left", (-h, 0.0, h, _HEIGHT), (0.2, 1.0, 1.2, 1.8), lambda y, z: (-h, y, z), walls)
+    _frame("Ceiling", (-h, -h, h, h), (0.6, -0.4, 1.4, 0.4), lambda x, y: (x, y, _HEIGHT), walls)
+    show(diffuse((0.6, 0.5, 0.4)))
+    add_object("Sill", box("Sill", walls, (0.3, 1.2, 0.05)), (-h + 0.15, 0.7, 0.95))
+    camera((0.9, -2.3, 1.6), (-0.5, 0.6, 0.9), lens=22.0)
+    _portal((-h, 0.7, 1.4), (90, 0, -90), shape="RECTANGLE", size=1.0, size_y=0.8)
+    _portal((1.0, 0.0, _HEIGHT), (0, 0, 0), shape="DISK", size=0.8)
+
+
+@scene("portals-uniform", samples=256)
+def uniform() -> None:
+    """A room under a white sky, by a rectangular portal and a round one."""
+    _room()
+    world((0.9, 1.0, 1.1), 3.0)
+
+
+@scene("portals-sky", samples=256)
+def sky() -> None:
+    """The same room under an image with a bright place."""
+    _room()
+    picture = sky_image(64, 30.0)
 
     def surface(nodes: Nodes) -> Socket:
-        position = nodes("NewGeometry", output="Position")
-        there = nodes("VectorMath", {"operation": "ADD"}, {0: position, 1: (21.2, -0.2, 0.0)})
-        return nodes("BsdfRayPortal", Color=(0.9, 1.0, 0.8), Position=there)
+        turned = nodes("Mapping", Vector=nodes("TexCoord", output="Generated"), Rotation=(0.0, 0.0, 1.2))
+        return nodes("Background", Color=nodes("TexEnvironment", {"image": picture}, Vector=turned), Strength=2.0)
 
-    add_object("Portal", quad("Portal", material("portal", surface), 1.8, 1.8), (-0.9, 0.6, 1.0), (90.0, 0.0, 15.0))
-
-
-@scene("ray-portal-mixed", samples=128)
-def ray_portal_mixed() -> None:
-    """A wall that is half a diffuse surface, and half lets rays go on from where they are, upwards and back."""
-    _halls()
-
-    def surface(nodes: Nodes) -> Socket:
-        normal = nodes("NewGeometry", output="Normal")
-        direction = nodes("VectorMath", {"operation": "ADD"}, {0: normal, 1: (0.6, 0.2, -0.5)})
-        unit = nodes("VectorMath", {"operation": "NORMALIZE"}, {0: direction})
-        portal = nodes("BsdfRayPortal", Color=(1.0, 0.9, 0.7), Direction=unit)
-        wall = nodes("BsdfDiffuse", Color=(0.3, 0.6, 0.3))
-        return nodes("MixShader", {}, {0: 0.5, 1: wall, 2: portal})
-
-    add_object("Wall", quad("Wall", material("wall", surface), 2.0, 2.0), (-0.9, 0.8, 1.0), (90.0, 0.0, 15.0))
+    world_nodes(surface)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,13 @@ from engine.builder.environment import EnvironmentMap, empty_map
 from engine.builder.lamps import Lamps, convert_lamps
 from engine.builder.light_clusters import divide_map
 from engine.builder.light_forest import Emitters, Forest, build_forest, find_sight, lamp_rows
+from engine.builder.portals import build_portals
+from engine.kernels.lights.linked_portals import link_portals
 from engine.scene.description import Notice, SceneDescription, World
 from engine.state import lights as la
 from engine.state.geometry import GeometryArrays
 from engine.state.lights import LightArrays, LightLinks, no_selection
+from engine.state.portals import no_portal_kernels
 
 #: `World.max_bounces` from which on light sampling has no limit of its own.
 _UNLIMITED_BOUNCES = 1024
@@ -125,6 +129,13 @@ def _list_distant(environment: EnvironmentMap, lamps: Lamps, local_count: int, f
     return distant
 
 
+def _portals(world: World | None, environment: EnvironmentMap) -> dict[str, Any]:
+    """Fields of `LightArrays` about light portals: none of a background whose map is not sampled."""
+    found = world.portals if world is not None and environment.mean > 0.0 else ()
+    portals = build_portals(found, is_uniform=environment.compensated is None)
+    return {"portals": portals, "portal_kernels": link_portals() if len(portals) else no_portal_kernels()}
+
+
 def build_lights(
     description: SceneDescription,
     geometry: GeometryArrays,
@@ -198,7 +209,8 @@ def build_lights(
         emitters=forest.emitters, triangles=forest.triangles,
         sources=np.zeros((0, 4), np.float32) if sources is None else sources, lamps=lamps.values,
         lamp_table=lamps.table, varying=_varying(lamps), lookup_offset=triangles.lookup_offset, lookup=triangles.lookup,
-        discs=discs, map_marginal=environment.marginal, map_conditional=environment.conditional,
+        discs=discs, **_portals(world, environment), map_marginal=environment.marginal,
+        map_conditional=environment.conditional,
         map_guide=environment.guide,
         compensated_marginal=compensated.marginal, compensated_conditional=compensated.conditional,
         compensated_guide=compensated.guide, map_patches=patches, node_cluster=forest.node_cluster,

@@ -46,6 +46,8 @@ from engine.state.shaders import (
 #: Width of the map a procedural world is sampled by, and the largest that an image gets.
 _DEFAULT_MAP_WIDTH = 1024
 _LARGEST_MAP_WIDTH = 4096
+#: Of a world of one colour, which is sampled through light portals alone.
+_UNIFORM_MAP_WIDTH = 8
 #: Nodes of lamps that read the lamp's own space.
 _LOCAL_NODES = ("ShaderNodeTexIES", "ShaderNodeTexCoord")
 
@@ -87,8 +89,11 @@ class Programs:
         if world is None or world.sampling == "NONE":
             return 0
         flags = self.arrays.programs[self.world_program, PROGRAM_FLAGS]
-        if flags & PROGRAM_EMISSION_CONSTANT or not flags & PROGRAM_HAS_EMISSION:
+        if not flags & PROGRAM_HAS_EMISSION:
             return 0
+        if flags & PROGRAM_EMISSION_CONSTANT:
+            # Where it comes in is known all the same.
+            return _UNIFORM_MAP_WIDTH if world.portals else 0
         width = world.map_resolution if world.sampling == "MANUAL" else self._map_width()
         return int(np.clip(width, 4, _LARGEST_MAP_WIDTH))
 

@@ -287,7 +287,9 @@ def _build_lights(
         return lights, found
 
     world = description.world
-    of_world = None if world is None else (world.visibility, world.max_bounces, world.cast_shadow)
+    of_world = None if world is None else (
+        world.visibility, world.max_bounces, world.cast_shadow, world.portals
+    )
     emitting = content_digest((description.lights, of_world, info, description.linking))
     key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes()
     lights, notices = cache.lights.get(key, build)

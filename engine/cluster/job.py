@@ -19,6 +19,7 @@ from engine.render.render_loop import RenderLoop, RenderLoopJob
 from engine.render.report import Progress
 from engine.render.traced import TracedTiles
 from engine.scene.description import Notice
+from engine.state.unit import BRIDGE, CURRENT
 
 #: Least time that a range may take before others are asked for it as well [s].
 PATIENCE = 20.0
@@ -71,8 +72,9 @@ class ClusterJob(RenderLoopJob):
         #: Learns while the thread that calls `wait` goes on asking who is there.
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="learn")
         self._learning: Future[None] | None = None
-        self._learned = "", b""
-        self._weights: np.ndarray | None = None
+        #: What tasks go by, packed, and weights of pixels: those of the arm BRIDGE, and all others.
+        self._learned = {is_bridge: ("", b"") for is_bridge in (False, True)}
+        self._weights: dict[bool, np.ndarray | None] = {False: None, True: None}
 
     # -- as a session sees it -----------------------------------------------------------------------------------------
 
@@ -81,11 +83,15 @@ class ClusterJob(RenderLoopJob):
         """What users should know of how it went."""
         return [*self._notices, *self._loop.notices]
 
-    def follow(self, guidance: Guidance) -> None:
-        """Take what tasks go by from now on."""
-        blob = pack_guidance(guidance)
-        self._learned = digest_of(blob), blob
-        self._weights = guidance.newest_pixel_weight
+    def follow(self, guidance: Guidance, arm: int) -> None:
+        """Take what tasks go by from now on: those of the arm BRIDGE, or all others."""
+        if arm == BRIDGE:
+            # Workers have it: it is what they went by, and what is not asked for they do not record.
+            self._learned[True] = self._learned[False]
+        else:
+            blob = pack_guidance(guidance)
+            self._learned[False] = digest_of(blob), blob
+        self._weights[arm == BRIDGE] = guidance.newest_pixel_weight
 
     def start(self) -> None:
         """Begin; kernels of learning are loaded while workers trace the first samples."""
@@ -116,7 +122,8 @@ class ClusterJob(RenderLoopJob):
             if self._is_stopped or not (self._open or is_learning or self._cutter.has_task):
                 return True
             self._call_roll()
-            if not is_learning:
+            with self._loop.changed:
+                # The thread that learns begins what is traced meanwhile.
                 self._hand_out()
             left = deadline - self._pool.now
             if left <= 0.0:
@@ -200,21 +207,25 @@ class ClusterJob(RenderLoopJob):
 
     def _submit(self, name: str, item: TaskRange) -> None:
         number = self._dispatcher.assign(name, item, self._pool.now)
-        self._pool.hold_learned(*self._learned)
+        self._pool.hold_learned(*self._learned[item.tasks[0].arm_samples.arm == BRIDGE])
         self._pool.submit(number, name, pack(self._order(item)))
 
     def _order(self, item: TaskRange) -> Order:
         loop, task = self._loop, item.tasks[0]
         indices = tuple(task.tile for task in item.tasks)
         tiles = [loop.tiles[index] for index in indices]
-        weights = self._weights
+        arm_samples = task.arm_samples
+        is_bridge = arm_samples.arm == BRIDGE
+        weights = self._weights[is_bridge]
         if weights is not None:
             weights = weights[np.concatenate([film_index for _, film_index in tiles])]
         is_whole = loop.has_all_pixels
         return Order(
-            self._scene, self._learned[0], loop.settings, loop.film.layout, indices if is_whole else (),
-            None if is_whole else [pixels for pixels, _ in tiles], task.arm_samples, task.stratum, weights,
-            loop.records(task.arm_samples.arm),
+            self._scene, self._learned[is_bridge][0], loop.settings, loop.film.layout, indices if is_whole else (),
+            None if is_whole else [pixels for pixels, _ in tiles],
+            # What comes with the order is all that the worker goes by.
+            arm_samples._replace(arm=CURRENT) if is_bridge else arm_samples, task.stratum, weights,
+            loop.records(arm_samples.arm),
         )
 
     def _receive(self, number: int, answer: Answer) -> None:
@@ -256,8 +267,9 @@ class ClusterJob(RenderLoopJob):
         with loop.film_lock:
             loop.keep_alike(item.tasks, units, traced.sums, traced.costs, traced.records)
         is_waiting = False
-        for task in item.tasks:
-            is_waiting |= loop.finish(task)
+        with loop.changed:
+            for task in item.tasks:
+                is_waiting |= loop.finish(task)
         return is_waiting
 
     def _do_without(self, ticket: Ticket, answer: Answer) -> None:

@@ -76,10 +76,10 @@ class ClusterSession(Session):
     ) -> ClusterJob:
         jobs: weakref.WeakSet[ClusterJob] = weakref.WeakSet()
 
-        def follow(guidance: Guidance) -> None:
+        def follow(guidance: Guidance, arm: int) -> None:
             # A job that is over is freed with its loop: neither waits for the garbage collector.
             for job in jobs:
-                job.follow(guidance)
+                job.follow(guidance, arm)
 
         tracer = self._take_tracer(scene, request.settings, film.layout)
         loop = RenderLoop(request, film, self.thread_count, follow, tracer.light_clusters)

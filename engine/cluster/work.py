@@ -151,6 +151,8 @@ def trace(version: str, order: bytes, scene: bytes, learned: bytes | None = None
         start = time.perf_counter()
         assert session.scene is not None
         guidance = _guidance(wanted, learned)
+        if guidance is not None and not wanted.records:
+            guidance = guidance.without_records()
         tiles: Sequence[Pixels]
         if wanted.pixels is None:
             whole = FrameTiles(session.scene.description.frame)

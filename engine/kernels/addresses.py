@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Memory by its address: what a library hands to a kernel that it calls."""
+"""Memory by its address, which is what a library hands to a kernel that it calls, and kernels by theirs."""
 
 from typing import Any
 
@@ -54,3 +54,29 @@ def write_half(typing_context: Any, address: Any, offset: Any, value: Any) -> An
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64, types.int64), generate
+
+
+def kernel_call(returned: Any, *argument_types: Any) -> Any:
+    """What an intrinsic returns that calls the kernel at an address, as a function of the types that it is given.
+
+    Parameters
+    ----------
+    returned, *argument_types : numba types
+        Those of the kernel; None: whatever is passed.
+    """
+
+    def typed(arguments: tuple[Any, ...]) -> Any:
+        known = [given if wanted is None else wanted for given, wanted in zip(arguments, argument_types, strict=True)]
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            function_type = context.call_conv.get_function_type(signature.return_type, signature.args[1:])
+            function = builder.inttoptr(values[0], function_type.as_pointer())
+            # Kernels do not raise: there is no status to look at.
+            _status, result = context.call_conv.call_function(
+                builder, function, signature.return_type, signature.args[1:], values[1:]
+            )
+            return result
+
+        return returned(types.int64, *known), generate
+
+    return typed

@@ -11,6 +11,7 @@ import numpy as np
 
 from engine.accel.scratch import RayScratch
 from engine.guiding.models.candidate_model import CandidateModel
+from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.records.cache_records import CACHE_RECORD_ROWS, allocate_cache_records
 from engine.guiding.records.unit_records import UnitRecords
@@ -84,12 +85,16 @@ class Arm(NamedTuple):
     guidance : Guidance or None
     learned : dict, fields of `GuidanceView` but for the thread's own
     radiance : RadianceView, without the model
+    view : SceneView, with the lights that were chosen when it was made
+    learns_lights : bool, whether which lights are sampled is learned
     model : CandidateModel or None, what weighs candidates if neither a table nor the mixture does
     """
 
     guidance: Guidance | None
     learned: dict[str, Any]
     radiance: RadianceView
+    view: SceneView
+    learns_lights: bool
     model: CandidateModel | None = None
 
 
@@ -136,6 +141,19 @@ class Statistics:
         self.candidate_count += other.candidate_count
         self.several_candidate_count += other.several_candidate_count
         self.cached_counts.update(other.cached_counts)
+
+    def since(self, before: Statistics) -> IterationCosts:
+        """What has been counted since then."""
+        return IterationCosts(
+            self.stage_seconds - before.stage_seconds,
+            sum(self.rays.values()) - sum(before.rays.values()),
+            self.path_count - before.path_count,
+            self.guided_count - before.guided_count,
+            self.several_count - before.several_count,
+            self.several_candidate_count - before.several_candidate_count,
+            self.record_drop_count - before.record_drop_count,
+            self.rays["closest"] - before.rays["closest"],
+        )
 
 
 class Batch:

@@ -92,7 +92,7 @@ def film_layout(
     part_count = light_part_count(passes, light_groups, has_media=has_media)
     return FilmLayout(
         use_features=bool(passes & FEATURE_PASSES or data.options.is_used),
-        use_residual=settings.radiance_cache == "CONVERGING",
+        use_residual=settings.measures_cache,
         use_half=settings.use_adaptive_sampling,
         use_denoising=bool(passes & DENOISING_PASSES),
         light_part_count=part_count,

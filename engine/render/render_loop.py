@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.iterations import LearningRests
@@ -24,6 +24,7 @@ from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.unit_records import UnitRecords
 from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
+from engine.render.bridge import Bridge, bridge_samples
 from engine.render.film import Film
 from engine.render.report import ENDINGS, Progress
 from engine.render.request import RenderRequest
@@ -43,12 +44,15 @@ from engine.render.time_left import SHORTEST_PASS, TimeLeft
 from engine.scene.description import Notice
 from engine.state.columns import rows_of
 from engine.state.film import FilmTile
-from engine.state.unit import ALL_STRATA, CURRENT, PLAIN, Unit, UnitCosts
+from engine.state.unit import ALL_STRATA, BRIDGE, CURRENT, PLAIN, Unit, UnitCosts
 
 #: With fewer pixels guiding is tried on all of them: a quarter would say too little.
 _LEAST_TRIAL_PIXELS = 1 << 12
 #: Until the first look a step before a time limit has at most so many times the samples so far.
 _STEP_GROWTH = 4
+
+#: See `RenderLoop`.
+Follow = Callable[[Guidance, int], None]
 
 
 class RenderLoop:
@@ -64,8 +68,9 @@ class RenderLoop:
         As `request.make_film` makes it.
     thread_count : int
         To learn with.
-    follow : callable (Guidance) -> None
-        Is told what tasks go by that are handed out after the call; no task is out meanwhile.
+    follow : callable (Guidance, arm) -> None
+        Is told what tasks go by that are handed out after the call. No task is out meanwhile but those of the arm
+        BRIDGE, for which it is told so itself.
     light_clusters : bool (C,), optional
         As of `RenderContext`.
 
@@ -87,7 +92,7 @@ class RenderLoop:
     """
 
     def __init__(
-        self, request: RenderRequest, film: Film, thread_count: int, follow: Callable[[Guidance], None],
+        self, request: RenderRequest, film: Film, thread_count: int, follow: Follow,
         light_clusters: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         frame, settings, samples = request.frame, request.settings, request.samples
@@ -132,6 +137,8 @@ class RenderLoop:
         else:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
+        #: What is traced while the learner learns.
+        self._bridge = Bridge(self._put)
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
         self._learned: Guidance | None = None
         self._rests = LearningRests(pixel_count, request.learning.rules)
@@ -197,7 +204,7 @@ class RenderLoop:
 
     def records(self, arm: int) -> bool:
         """Whether what units of an arm record is of use now."""
-        return self.learner is not None and arm != PLAIN and self._is_learning
+        return self.learner is not None and arm not in (PLAIN, BRIDGE) and self._is_learning
 
     def keep(self, task: Task, unit: Unit, sums: FilmTile, costs: UnitCosts, records: UnitRecords | None) -> None:
         """Put a finished unit on the film, and what it recorded aside (None: nothing that `records` asks for)."""
@@ -209,16 +216,14 @@ class RenderLoop:
     ) -> None:
         """As `keep`, of alike tasks of several tiles (`is_alike`); rows of `sums` are of one unit after the other."""
         task, unit, learner = tasks[0], units[0], self.learner
-        weight = 1.0 if learner is None else learner.weight(task.weighs_as, unit.arm)
         for index, of_unit in enumerate(records or ()):
             self._units.setdefault(tasks[index].tile, []).append(of_unit)
-        pixels = np.concatenate([unit.film_index for unit in units]) if len(units) > 1 else unit.film_index
-        if isinstance(self.film, StrataFilm):
-            sums = self.film.merge_stratum(pixels, sums, weight, unit.stratum)
-        else:
-            self.film.merge(pixels, sums, weight)
-        self._finished_paths += len(pixels) * unit.sample_count
+        self._finished_paths += sum(len(one.pixels) for one in units) * unit.sample_count
         self._sample = max(self._sample, unit.sample_first + unit.sample_count)
+        if unit.arm == BRIDGE:
+            self._bridge.keep(units, sums)
+            return
+        sums = self._put(units, sums, 1.0 if learner is None else learner.weight(task.weighs_as, unit.arm))
         if learner is None:
             return
         if len(units) == 1:
@@ -229,6 +234,14 @@ class RenderLoop:
             last = row + len(compared.pixels)
             learner.compare(compared, rows_of(sums, row, last), of_unit_costs)
             row = last
+
+    def _put(self, units: Sequence[Unit], sums: FilmTile, weight: float) -> FilmTile:
+        """Put sums of samples on the film that weigh so much; returns them as of the whole of u."""
+        pixels = np.concatenate([unit.film_index for unit in units]) if len(units) > 1 else units[0].film_index
+        if isinstance(self.film, StrataFilm):
+            return self.film.merge_stratum(pixels, sums, weight, units[0].stratum)
+        self.film.merge(pixels, sums, weight)
+        return sums
 
     @property
     def has_paths(self) -> bool:
@@ -307,7 +320,7 @@ class RenderLoop:
 
     def _go_by(self, guidance: Guidance) -> None:
         self.guidance = guidance
-        self._follow(guidance)
+        self._follow(guidance, CURRENT)
 
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
@@ -359,7 +372,7 @@ class RenderLoop:
             learner.take_last(units)
             return
         assert following is not None
-        costs = self._costs_since(counted)
+        costs, self._before = counted.since(self._before), counted
         tiles: Sequence[Tile] = self._frame_tiles
         if self._active is not None:
             tiles = self._active.tiles
@@ -367,26 +380,52 @@ class RenderLoop:
         learns = not has_rested and (learner.wants_last or not self._is_short(*following))
         if learns:
             assert self.guidance is not None
+            bridged, bridge_paths = 0, self._bridge.take_path_count()
+            if iterations.is_whole and self.strata == 1:
+                bridged = bridge_samples(learner.arms, learner.other_arms, following[1])
+            if bridged:
+                self._begin_bridge(following[0], bridged, tiles)
+                following = following[0] + bridged, following[1] - bridged
             traced = Traced(
                 units, self.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
-                costs, following, iterations.is_whole,
+                costs, following, iterations.is_whole, bridge_paths,
             )
             self._go_by(learner.learn(traced))
+            with self.film_lock:
+                self._bridge.let_go()
         with self.changed:
-            if learner.is_over:
-                # Nobody waits for anybody from here on, but for a look at the picture.
-                self.tiles = tiles
-                self._go_on_plainly(following[0], task_samples(following[0]))
-                return
-            arms = self._arms_of(*following)
-            other_arms: Sequence[ArmSamples] = ()
-            first_other = 0
-            if learns and self._learned is None and learner.other_arms:
-                assert self._trial_tiles is not None
-                tiles, other_arms = self._trial_tiles, learner.other_arms
-                first_other = self._trial_tiles.trial_count
+            self._bridge.then(partial(self._begin_iteration, following, tiles, learns=learns))
+
+    def _begin_bridge(self, first: int, count: int, tiles: Sequence[Tile]) -> None:
+        """Have the others trace samples by what there is, while the learner learns."""
+        learner, guidance = self.learner, self.guidance
+        assert learner is not None and guidance is not None
+        self._follow(guidance.without_records(), BRIDGE)
+        with self.changed:
             self.tiles = tiles
-            iterations.begin(arms, len(self.tiles), other_arms, first_other)
+            self._bridge.begin(first, count, len(tiles), learner.weight(first, CURRENT))
+            self._schedule = self._bridge
+            self.changed.notify_all()
+
+    def _begin_iteration(self, following: tuple[int, int], tiles: Sequence[Tile], *, learns: bool) -> None:
+        """Hand out the next iteration, of these samples, as the learner has planned it."""
+        learner, iterations = self.learner, self._iterations
+        assert learner is not None and iterations is not None
+        if learner.is_over:
+            # Nobody waits for anybody from here on, but for a look at the picture.
+            self.tiles = tiles
+            self._go_on_plainly(following[0], task_samples(following[0]))
+            return
+        self._schedule = iterations
+        arms = self._arms_of(*following)
+        other_arms: Sequence[ArmSamples] = ()
+        first_other = 0
+        if learns and self._learned is None and learner.other_arms:
+            assert self._trial_tiles is not None
+            tiles, other_arms = self._trial_tiles, learner.other_arms
+            first_other = self._trial_tiles.trial_count
+        self.tiles = tiles
+        iterations.begin(arms, len(self.tiles), other_arms, first_other)
 
     def _is_short(self, first: int, count: int) -> bool:
         """Whether an iteration is one of the last passes before a time limit, which may be cut off: nothing is won back
@@ -409,20 +448,6 @@ class RenderLoop:
             self._go_by(guidance.without_records())
             arms = [ArmSamples(first, count, CURRENT)]
         return arms
-
-    def _costs_since(self, total: Statistics) -> IterationCosts:
-        """What has been counted since this was last asked."""
-        before, self._before = self._before, total
-        return IterationCosts(
-            total.stage_seconds - before.stage_seconds,
-            sum(total.rays.values()) - sum(before.rays.values()),
-            total.path_count - before.path_count,
-            total.guided_count - before.guided_count,
-            total.several_count - before.several_count,
-            total.several_candidate_count - before.several_candidate_count,
-            total.record_drop_count - before.record_drop_count,
-            total.rays["closest"] - before.rays["closest"],
-        )
 
 
 class RenderLoopJob:

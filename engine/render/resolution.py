@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from engine.accuracy import LEAST_CACHED_SAMPLES
 from engine.builder.scene import Scene
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.sources.sequence import with_sequence_u
@@ -25,10 +26,12 @@ class Resolution:
 
     request : RenderRequest
     notices : tuple of Notice, what was asked for and is not done
+    cache_left_out : str, why an automatic radiance cache is not tried, '' where it is or nobody asked
     """
 
     request: RenderRequest
     notices: tuple[Notice, ...] = ()
+    cache_left_out: str = ""
 
 
 def is_spectral(settings: RenderSettings, description: SceneDescription) -> bool:
@@ -70,8 +73,17 @@ def resolve(
         settings = replace(settings, deterministic=True, network_backend="KERNEL")
     settings = replace(settings, spectral="ON" if is_spectral(settings, scene.description) else "OFF")
     settings = _with_u(settings, scene.description, learning)
+    cache_left_out = ""
+    if settings.radiance_cache == "AUTO" and settings.samples < LEAST_CACHED_SAMPLES:
+        cache_left_out = "so few samples are over before it could pay"
     if settings.radiance_cache != "OFF" and (notice := _cache_notice(settings, scene, passes)):
-        notices.append(notice)
+        if settings.radiance_cache == "AUTO":
+            # Nobody has asked for it: the report says so, and no warning.
+            cache_left_out = f"it {notice.problem}"
+        else:
+            notices.append(notice)
+            settings = replace(settings, radiance_cache="OFF")
+    if cache_left_out:
         settings = replace(settings, radiance_cache="OFF")
     if scene.media.is_used:
         # What it would learn is of surfaces: collisions with media are none.
@@ -90,7 +102,7 @@ def resolve(
     layout = _layout(settings, scene, passes)
     settings = replace(settings, strata=strata_count(settings, _film_bytes(scene.description.frame, layout)))
     request = RenderRequest(scene.description.frame, settings, layout, learning, first_samples)
-    return Resolution(request, tuple(notices))
+    return Resolution(request, tuple(notices), cache_left_out)
 
 
 def _layout(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> FilmLayout:

@@ -33,7 +33,7 @@ from engine.render.pace import FINAL, Pace
 from engine.render.precompile import compile_ahead
 from engine.render.report import Progress, RenderReport, RenderResult, peak_memory
 from engine.render.request import RenderRequest
-from engine.render.resolution import is_spectral, resolve
+from engine.render.resolution import Resolution, is_spectral, resolve
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
 from engine.runtime import heap
@@ -377,7 +377,7 @@ class Session:
                 "Learned field", "keeping it", lambda: learner.learned(self.light_digest), "the next render learns anew"
             )
         report = afterwards.attempt(
-            "Report", "writing it", lambda: self._report(job, scene, settings), "figures are missing"
+            "Report", "writing it", lambda: self._report(job, scene, resolution), "figures are missing"
         ) or RenderReport(sample_count=float(film.sums.count.mean()), ended_by=job.ended_by)
         report.denoise_seconds = denoising.seconds
         report.notices += [*resolution.notices, *denoising.notices, *afterwards.notices]
@@ -439,12 +439,11 @@ class Session:
             self._light_digest = light_digest(self.scene.description)
         return self._light_digest
 
-    def _report(self, job: AnyJob, scene: Scene, settings: RenderSettings) -> RenderReport:
+    def _report(self, job: AnyJob, scene: Scene, resolution: Resolution) -> RenderReport:
         """What happened in a render that is over."""
-        total, learner, film = job.statistics(), job.learner, job.film
-        cached_shares = tuple(
-            total.cached_counts[depth + 1] / max(total.path_count, 1) for depth in range(CACHED_DEPTHS)
-        )
+        total, learner, film, settings = job.statistics(), job.learner, job.film, resolution.request.settings
+        path_count = max(total.path_count, 1)
+        cached_shares = tuple(total.cached_counts[depth + 1] / path_count for depth in range(CACHED_DEPTHS))
         guiding = GuidingReport(method=settings.guiding_method)
         if learner is not None:
             guiding = learner.report
@@ -454,6 +453,7 @@ class Session:
                 guiding.describe_cache(cached_shares)
         elif settings.method.rungs:
             guiding.describe_left_out()
+        guiding.describe_no_cache(resolution.cache_left_out)
         return RenderReport(
             notices=[
                 *scene.notices, *_cache_notices(), *job.notices, *_media_notices(total)

@@ -46,7 +46,7 @@ from engine.state.shaders import (
     PROGRAM_FLAGS,
     PROGRAM_HAS_AOVS,
 )
-from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN, Unit
+from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
@@ -201,13 +201,17 @@ class Tracer:
         self._settings = settings
         #: Of the type that will weigh candidates, where that is known before anything is learned.
         self._unlearned = unlearned_model(settings)
+        self._arms: dict[int, Arm] = {}
         self.guidance: Guidance | None = None
         if self._linked_for is None:
             self._unlink()
 
-    def follow(self, guidance: Guidance) -> None:
-        """Have units that are traced from now on go by what was learned."""
-        self.guidance = guidance
+    def follow(self, guidance: Guidance, arm: int = CURRENT) -> None:
+        """Have units that are traced from now on go by what was learned: all of them, or those of the arm BRIDGE."""
+        if arm == BRIDGE:
+            self._arms = {**self._arms, BRIDGE: self._make_arm(guidance)}
+        else:
+            self.guidance = guidance
 
     def _unlink(self) -> None:
         """A new table: the types of the stages' arguments follow from scene and settings."""
@@ -220,6 +224,7 @@ class Tracer:
         """Hold on to no scene and to nothing learned, for their memory; `take` comes before the next unit."""
         if hasattr(self, "view"):
             self.guidance = None
+            self._arms = {}
             del self.view
 
     def make_batches(self, count: int, pixel_count: int, *, is_guided: bool, records: bool) -> list[Batch]:
@@ -289,14 +294,17 @@ class Tracer:
         # The cache and roulette end paths whatever guides them.
         ends_paths = guidance is not None and (guidance.uses_cache or guidance.roulette_field is not None)
         plain = guidance.plain() if guidance is not None and ends_paths else None
-        self._arms = {PLAIN: self._make_arm(plain), CURRENT: self._make_arm(guidance)}
+        bridge = {BRIDGE: self._arms[BRIDGE]} if guidance is not None and BRIDGE in self._arms else {}
+        self._arms = {PLAIN: self._make_arm(plain), CURRENT: self._make_arm(guidance), **bridge}
         if challenger is not None:
             self._arms[CHALLENGER] = self._make_arm(challenger)
 
     def _make_arm(self, guidance: Guidance | None) -> Arm:
+        newest = self._guidance
+        seen = self.view, newest is not None and newest.lights is not None
         if guidance is None or guidance.field is None:
             options = make_guiding_options(self._settings, candidate_count=1)
-            return Arm(guidance, {"options": options, **self._nothing_learned}, self._radiance_of(guidance))
+            return Arm(guidance, {"options": options, **self._nothing_learned}, self._radiance_of(guidance), *seen)
         options = make_guiding_options(
             self._settings,
             candidate_count=guidance.candidate_count,
@@ -309,7 +317,7 @@ class Tracer:
         }
         if guidance.model is not None and self._batches:
             self._link_model(guidance.model, self._batches[0])
-        return Arm(guidance, learned, self._radiance_of(guidance), guidance.model)
+        return Arm(guidance, learned, self._radiance_of(guidance), *seen, guidance.model)
 
     def _radiance_of(self, guidance: Guidance | None) -> RadianceView:
         """What predicts radiance, and where paths end."""
@@ -456,11 +464,11 @@ class Tracer:
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
         header[UNIT_PREDICTS] = guidance is not None and guidance.roulette_field is not None
-        header[UNIT_LEARNS_LIGHTS] = self._guidance is not None and self._guidance.lights is not None
+        header[UNIT_LEARNS_LIGHTS] = arm.learns_lights
         header[UNIT_ASKS_MODEL] = arm.model is not None
         header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
         header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)
         return (
-            stages, self.view, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
+            stages, arm.view, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
         )  # fmt: skip

@@ -301,6 +301,19 @@ class Light:
 
 
 @dataclass
+class Portal:
+    """An opening that the background shines through: rays are sent through it, it emits nothing and hides nothing.
+
+    transform, shape, size_x, size_y : as of `Light`, of an area lamp
+    """
+
+    transform: Float32Array
+    shape: str
+    size_x: float
+    size_y: float
+
+
+@dataclass
 class World:
     """Background. `color` is used where `graph` is None."""
 
@@ -316,6 +329,7 @@ class World:
     #: False: what is sampled of it shines through everything.
     cast_shadow: bool = True
     light_group: int = -1
+    portals: list[Portal] = field(default_factory=list)
 
 
 # Camera and frame

@@ -18,6 +18,7 @@ from engine.shaders import (
     nodes_ies,
     nodes_image,
     nodes_input,
+    nodes_patterns,
     nodes_rays,
     nodes_sky,
     nodes_texture_math,
@@ -30,7 +31,7 @@ from engine.shaders.vocabulary import SETTINGS, unknown_parts
 
 NODES: NodeTable = (
     nodes_input.NODES | nodes_image.NODES | nodes_rays.NODES | nodes_sky.NODES | nodes_ies.NODES
-    | nodes_texture_math.NODES
+    | nodes_texture_math.NODES | nodes_patterns.NODES
 )
 
 #: What counts instead of a link from what is not known.

@@ -244,6 +244,8 @@ class LightArrays(Bundle):
         the first triangle of its mesh
     lookup : int32 (K,), emitter of a triangle, -1 = none
     discs : float32 (K, DISC_WIDTH), of the background
+    portals : float32 (P, PORTAL_WIDTH), through which its map is sampled too (`engine.state.portals`)
+    portal_kernels : int64 (PORTAL_KERNELS,), addresses of what samples through them; 0 where there are none
     map_marginal : float32 (H + 1, 2), cumulative probability of rows and cosine of their lower latitude bound
     map_conditional : float32 (H, W + 1), cumulative probability within a row; H = 0 without a map
     map_guide : int32 (H + 1, MAP_GUIDE_SIZE + 1), where to look: the last column of a row, and in the last line the
@@ -275,6 +277,8 @@ class LightArrays(Bundle):
     lookup_offset: Int64Array
     lookup: Int32Array
     discs: Float32Array
+    portals: Float32Array
+    portal_kernels: Int64Array
     map_marginal: Float32Array
     map_conditional: Float32Array
     map_guide: Int32Array

@@ -14,6 +14,8 @@ ALL_STRATA = -1
 PLAIN = -1
 CURRENT = 0
 CHALLENGER = 1
+#: By what the iteration before went by, recorded by nobody: while it is learned from (`engine.render.bridge`).
+BRIDGE = 2
 
 
 @dataclass(frozen=True)

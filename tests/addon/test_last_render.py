@@ -62,7 +62,7 @@ def test_the_last_render_alone_counts(blender: Any) -> None:
     scene = blender.context.scene
     assert last_render.last_outcomes(scene) == [] and last_render.guiding_sentence(scene) == ""
     old, new, both = (Notice(subject, "is odd", "it is even") for subject in ("Old", "New", "Both"))
-    guiding = GuidingReport(sentence="chose plain mixtures")
+    guiding = GuidingReport(sentence="chose plain mixtures", cache_sentence="some paths ended early")
     report = SimpleNamespace(guiding=guiding, sample_count=8.0, render_seconds=1.0)
     for layer, frame, notices in (("A", 1, (old,)), ("A", 2, (new, both)), ("B", 2, (both,))):
         engine.outcomes.append(
@@ -72,6 +72,7 @@ def test_the_last_render_alone_counts(blender: Any) -> None:
     assert [outcome.view_layer for outcome in last_render.last_outcomes(scene)] == ["A", "B"]
     assert last_render.last_notices(scene) == [new, both]
     assert last_render.guiding_sentence(scene) == "chose plain mixtures"
+    assert last_render.cache_sentence(scene) == "some paths ended early"
     # A scene of another file may have the same name.
     blender.ops.wm.read_homefile(use_empty=True)
     assert blender.context.scene.name == "Scene" and last_render.last_outcomes(blender.context.scene) == []

@@ -151,7 +151,7 @@ SAVED_CHOICES = {
     "ris_target": "COLOR SCALAR",
     "network_size": "COMPACT PAPER",
     "network_backend": "KERNEL ONNXRUNTIME AUTO",
-    "radiance_cache": "OFF FAST CONVERGING",
+    "radiance_cache": "OFF FAST CONVERGING AUTO",
     "light_selection": "AUTO TREE LEARNED",
     "mixture_preset": "PAPER OFFICIAL COMPACT SMALL",
     "mixture_target": "RADIANCE COSINE PRODUCT",

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from engine.kernels.shader.opcodes import MATH_FIRST, TEXTURE_FIRST
+from engine.kernels.shader.opcodes import MATH_FIRST, PATTERNS_FIRST, TEXTURE_FIRST
 from engine.kernels.shader.ops_math import run_math_op
+from engine.kernels.shader.ops_patterns import run_pattern_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.runtime.jit import kernel
 from engine.scene.description import Node
+from engine.shaders.nodes_patterns import NODES as PATTERNS
 from engine.shaders.nodes_texture_math import NODES
 from engine.shaders.table import Implicit
 from engine.state.shaders import FIRST_REGISTER
@@ -39,7 +41,9 @@ def _run_rows(code, memory, tables, sources, inputs, output, width, results):
     for row in range(inputs.shape[0]):
         for column in range(inputs.shape[1]):
             memory[sources[column]] = inputs[row, column]
-        if code[0] >= TEXTURE_FIRST:
+        if code[0] >= PATTERNS_FIRST:
+            run_pattern_op(code, 0, memory)
+        elif code[0] >= TEXTURE_FIRST:
             run_texture_op(code[0], code, 0, memory, tables)
         elif code[0] >= MATH_FIRST:
             run_math_op(code[0], code, 0, memory, tables)
@@ -62,7 +66,7 @@ def run_node(
     float32 (rows, 1 or 3)
     """
     builder = TableBuilder()
-    entry = NODES[kind]
+    entry = (NODES | PATTERNS)[kind]
     node = Node(kind, kind, {}, properties or {})
     operation = entry if not callable(entry) else entry(node, builder)
     assert not builder.notices, builder.notices

@@ -72,6 +72,8 @@ class GuidingReport:
     lines: list[str] = field(default_factory=list)
     #: What guiding came to, for those who render rather than measure; '' where nothing was guided.
     sentence: str = ""
+    #: The same of the radiance cache; '' where there was none, and nobody left the choice to the render.
+    cache_sentence: str = ""
 
     def describe_left_out(self) -> None:
         """Write that a method which compares did not begin, since the render is over before it could pay."""
@@ -84,14 +86,36 @@ class GuidingReport:
         later.
         """
         line = f"radiance cache: {sum(cached_shares):.0%} of the paths came to where they could end in it"
+        where = ""
         if any(cached_shares):
             first, second, later = cached_shares
-            line += f" ({first:.0%} after one scattering, {second:.0%} after two, {later:.0%} later)"
+            where = f" ({first:.0%} after one scattering, {second:.0%} after two, {later:.0%} later)"
+        line += where
         if self.cache_stopped_at:
             line += f"; given up after {self.cache_stopped_at} samples, since it made more error than paths without it"
+            self.cache_sentence = (
+                f"Ending paths in learned light did not pay here: from sample {self.cache_stopped_at + 1} on paths "
+                "find all light themselves"
+            )
         elif math.isfinite(self.cache_bias):
             line += f"; pixels are off by about {self.cache_bias:.1%} that it did not know"
+            self.cache_sentence = (
+                f"{sum(cached_shares):.0%} of the paths could end in learned light{where}, and some went on to measure "
+                f"what that lacks. Pixels are still off by about {self.cache_bias:.1%} through it, which vanishes with "
+                "more samples. Unbiased renders have none of it, and more noise"
+            )
+        elif any(cached_shares):
+            self.cache_sentence = (
+                f"{sum(cached_shares):.0%} of the paths ended in learned light{where}. What that lacks is missing"
+            )
         self.lines.append(line)
+
+    def describe_no_cache(self, reason: str) -> None:
+        """Say why no path could end in a radiance cache, where that was left to the render; '': it was not."""
+        if not reason:
+            return
+        self.cache_sentence = f"Paths found all light themselves, without a cache of learned light: {reason}"
+        self.lines.append(f"radiance cache: not used, {reason}")
 
     def describe(self, stage_seconds: dict[str, float]) -> None:
         """Write `lines` for who measures and `sentence` for all others, given the tracing threads' time by stage."""

@@ -28,7 +28,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from engine.kernels.addresses import read_word
+from engine.kernels.addresses import kernel_call, read_word
 from engine.kernels.bsdf.kinds import (
     ASHIKHMIN_SHIRLEY,
     BECKMANN,
@@ -60,7 +60,7 @@ NO_FILM = (np.float32(0.0), np.float32(1.0))
 WAVE_STEP = np.float32(1.0 / 64.0)
 
 # Words of `BsdfTables.linked`: addresses of kernels, for lobes in RGB and at wavelengths one after the other; then
-# the table of thin films.
+# of patterns (`engine/kernels/shader/linked_patterns.py`), and the table of thin films.
 EVALUATE = 0
 SAMPLE = 2
 ALBEDO = 4
@@ -68,7 +68,8 @@ CHANGE = 6
 ADD = 7
 #: Where this very array is.
 SELF = 8
-FILM_TABLE = 9
+PATTERNS = 9
+FILM_TABLE = 10
 
 _HALF, _WORD, _REAL = ir.IntType(32), ir.IntType(64), ir.FloatType()
 VECTOR = types.UniTuple(types.float32, 3)
@@ -131,31 +132,11 @@ def real_of(typing_context: Any, bits: Any) -> Any:
     return types.float32(types.int64), generate
 
 
-def _caller(returned: Any, *argument_types: Any) -> Any:
-    """An intrinsic that calls the kernel at an address; None among the types: whatever is passed."""
-
-    def typed(arguments: tuple[Any, ...]) -> Any:
-        known = [given if wanted is None else wanted for given, wanted in zip(arguments, argument_types, strict=True)]
-
-        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            function_type = context.call_conv.get_function_type(signature.return_type, signature.args[1:])
-            function = builder.inttoptr(values[0], function_type.as_pointer())
-            # Kernels do not raise: there is no status to look at.
-            _status, result = context.call_conv.call_function(
-                builder, function, signature.return_type, signature.args[1:], values[1:]
-            )
-            return result
-
-        return returned(types.int64, *known), generate
-
-    return typed
-
-
-_evaluate = _caller(VALUE, None, None, types.int64, types.int64, VECTOR, VECTOR, VECTOR)
-_sample = _caller(SAMPLED, None, None, types.int64, types.int64, VECTOR, VECTOR, VECTOR)
-_albedo = _caller(ALBEDOS, None, None, None, types.int64, types.int64, VECTOR)
-_change = _caller(VECTOR, None, None, types.int64, types.int64, VECTOR, types.int64, types.float32, types.float32)
-_add = _caller(types.int64, None, None, types.int64, VECTORS, types.float32, None, None, types.int64)
+_evaluate = kernel_call(VALUE, None, None, types.int64, types.int64, VECTOR, VECTOR, VECTOR)
+_sample = kernel_call(SAMPLED, None, None, types.int64, types.int64, VECTOR, VECTOR, VECTOR)
+_albedo = kernel_call(ALBEDOS, None, None, None, types.int64, types.int64, VECTOR)
+_change = kernel_call(VECTOR, None, None, types.int64, types.int64, VECTOR, types.int64, types.float32, types.float32)
+_add = kernel_call(types.int64, None, None, types.int64, VECTORS, types.float32, None, None, types.int64)
 
 
 @intrinsic

@@ -34,7 +34,7 @@ class BsdfTables(Bundle):
     schlick_blend : the same with Schlick's (1 - cos)^5
     sheen : transformed cosine's a, b and the albedo; rows are roughness, columns the cosine
 
-    linked : int64 (W,), addresses of kernels of lobes that few scenes have, and the table of thin films (`linked.py`)
+    linked : int64 (W,), addresses of kernels that few scenes need, and the table of thin films (`linked.py`)
     """
 
     data: Float32Array
@@ -94,7 +94,7 @@ def _write_addresses(linked: Int64Array) -> None:
 
 
 def link_kernel(word: int, address: int) -> None:
-    """Have all tables know where a kernel of linked lobes is."""
+    """Have all tables know where a linked kernel is."""
     with _making:
         _addresses[word] = address
         for tables in _made.values():

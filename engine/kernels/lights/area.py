@@ -41,7 +41,7 @@ TAN_SPREAD = LAMP_KIND_COLUMNS + 11
 SPREAD_SCALE = LAMP_KIND_COLUMNS + 12
 
 #: Below this solid angle [sr] a rectangle is sampled by area.
-_SMALLEST_SOLID_ANGLE = np.float32(1e-4)
+SMALLEST_SOLID_ANGLE = np.float32(1e-4)
 
 _REGION_NONE = 0
 _REGION_RECTANGLE = 1
@@ -125,7 +125,7 @@ def _lit_region(lamps, lamp_table, row, p):
 
 
 @kernel
-def _rectangle_frame(center, axis_u, length_u, axis_v, length_v):
+def rectangle_frame(center, axis_u, length_u, axis_v, length_v):
     """Rectangle around the origin's view: bounds along u and v, and its (negative) height along the normal."""
     u = dot(center, axis_u)
     v = dot(center, axis_v)
@@ -139,7 +139,7 @@ def _edge_cosine(x, z):
 
 
 @kernel
-def _rectangle_angles(x0, x1, y0, y1, z):
+def rectangle_angles(x0, x1, y0, y1, z):
     """Cosines of the edge planes' normals and the solid angle.
 
     asin instead of the paper's acos: their sum is the solid angle itself, nothing cancels.
@@ -156,7 +156,7 @@ def _rectangle_angles(x0, x1, y0, y1, z):
 
 
 @kernel
-def _sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1):
+def sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1):
     """Point (x, y) of the rectangle, uniform in solid angle (Urena et al. 2013, algorithm 2)."""
     angle = u0 * solid_angle - g2 - g3
     sine = math.sin(angle)
@@ -181,7 +181,7 @@ def _sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1):
 def _region_pdf(kind, length_u, length_v, solid_angle, distance, cosine):
     """Density [sr^-1] of a point of the region at `distance`, seen under `cosine` to the lamp's normal."""
     if kind == _REGION_RECTANGLE:
-        if solid_angle > _SMALLEST_SOLID_ANGLE:
+        if solid_angle > SMALLEST_SOLID_ANGLE:
             return 1.0 / solid_angle
         return distance * distance / (cosine * length_u * length_v)
     return distance * distance / (cosine * 0.25 * PI * length_u * length_v)
@@ -201,8 +201,8 @@ def area_pdf(lights, row, receiver, wi, distance):
         return 0.0 * distance
     solid_angle = 0.0 * distance
     if kind == _REGION_RECTANGLE:
-        x0, x1, y0, y1, z = _rectangle_frame(center, axis_u, length_u, axis_v, length_v)
-        _, _, _, _, solid_angle = _rectangle_angles(x0, x1, y0, y1, z)
+        x0, x1, y0, y1, z = rectangle_frame(center, axis_u, length_u, axis_v, length_v)
+        _, _, _, _, solid_angle = rectangle_angles(x0, x1, y0, y1, z)
     return _region_pdf(kind, length_u, length_v, solid_angle, distance, cosine)
 
 
@@ -281,12 +281,12 @@ def sample_area(lights, row, receiver, u0, u1):
     x = (u0 - 0.5) * length_u
     y = (u1 - 0.5) * length_v
     if kind == _REGION_RECTANGLE:
-        x0, x1, y0, y1, z = _rectangle_frame(center, axis_u, length_u, axis_v, length_v)
-        n0, n2, g2, g3, solid_angle = _rectangle_angles(x0, x1, y0, y1, z)
+        x0, x1, y0, y1, z = rectangle_frame(center, axis_u, length_u, axis_v, length_v)
+        n0, n2, g2, g3, solid_angle = rectangle_angles(x0, x1, y0, y1, z)
         x += 0.5 * (x0 + x1)
         y += 0.5 * (y0 + y1)
-        if solid_angle > _SMALLEST_SOLID_ANGLE:
-            x, y = _sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1)
+        if solid_angle > SMALLEST_SOLID_ANGLE:
+            x, y = sample_rectangle(x0, x1, y0, y1, z, n0, n2, g2, g3, solid_angle, u0, u1)
         n = cross(axis_u, axis_v)
         third = scale(n, z if dot(n, center) < 0.0 else -z)
     else:

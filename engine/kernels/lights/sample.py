@@ -25,6 +25,7 @@ from engine.kernels.lights.background import (
 )
 from engine.kernels.lights.lamps import sample_lamp
 from engine.kernels.lights.light import Choice, LightSample
+from engine.kernels.lights.linked_portals import has_portals, of_portals, sample_linked_portals, with_portals
 from engine.kernels.lights.linking import (
     background_emitter,
     emitter_in_tree,
@@ -148,6 +149,7 @@ def is_of_map(lights, emitter, patch):
 @kernel
 def row_of_map(lights, leaves_dim, u0, u1):
     """Row of the map in which a direction is drawn. What `ask_for_cell` reads is asked for."""
+    _, u1 = of_portals(lights, u1)
     row_count = lights.map_conditional.shape[0]
     if leaves_dim:
         row_count = lights.compensated_conditional.shape[0]
@@ -204,7 +206,7 @@ def sample_emitter(lights, geometry, choice, drawn, cell, receiver, time, u0, u1
     if kind == LIGHT_TRIANGLE:
         return _sample_triangle(lights, geometry, choice, drawn, time, u0)
     if kind == LIGHT_BACKGROUND:
-        return _sample_background(lights, choice, cell, receiver.leaves_dim, u0, u1)
+        return _sample_background(lights, choice, cell, receiver, u0, u1)
     return sample_lamp(lights, choice, receiver, u0, u1)
 
 
@@ -250,22 +252,15 @@ def _sample_triangle(lights, geometry, choice, drawn, time, u0):
 
 
 @kernel(forceinline=True)
-def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
+def _sample_background(lights, choice, cell, receiver, u0, u1):
     """Draw a direction towards the background: LightSample."""
     emitter = choice.emitter
     disc = np.int64(lights.emitters[emitter, EMITTER_LAMP])
     if disc >= 0:
         pdf, wi = sample_disc(lights.discs, disc, u0, u1)
-    elif choice.patch >= 0:
-        pdf, wi = sample_patch(
-            lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
-            lights.header[HEADER_SECTORS], choice.patch - first_patch(lights, tree_of_emitter(lights, emitter)), u0,
-            u1,
-        )
-    elif leaves_dim:
-        pdf, wi = sample_cell(lights.compensated_marginal, lights.compensated_conditional, cell[0], cell[1], u0, u1)
+        pdf *= choice.pmf
     else:
-        pdf, wi = sample_cell(lights.map_marginal, lights.map_conditional, cell[0], cell[1], u0, u1)
+        pdf, wi = _sample_map(lights, choice, cell, receiver, u0, u1)
     none = 0.0 * u0
     one = none + 1.0
     # Each direction is either the map's or one disc's.
@@ -276,9 +271,64 @@ def _sample_background(lights, choice, cell, leaves_dim, u0, u1):
     cast_shadow, use_mis, shows_back = lights.header[HEADER_BACKGROUND_SHADOW] != 0, True, False
     max_bounces = np.int64(lights.header[HEADER_BACKGROUND_MAX_BOUNCES])
     return LightSample(
-        pdf * choice.pmf, emitter, LIGHT_BACKGROUND, wi, DISTANT, wi, (-wi[0], -wi[1], -wi[2]), none, none, -1, -1,
+        pdf, emitter, LIGHT_BACKGROUND, wi, DISTANT, wi, (-wi[0], -wi[1], -wi[2]), none, none, -1, -1,
         program, (one, one, one), visibility, cast_shadow, max_bounces, use_mis, shows_back, choice.pmf,
     )  # fmt: skip
+
+
+@kernel
+def _sample_map(lights, choice, cell, receiver, u0, u1):
+    """Draw a direction towards the background by its map or through portals: density [sr^-1], and the direction."""
+    tree, is_through_portal = tree_of_emitter(lights, choice.emitter), False
+    if has_portals(lights):
+        is_through_portal, u1 = of_portals(lights, u1)
+    if choice.patch >= 0:
+        pdf, wi = sample_patch(
+            lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
+            lights.header[HEADER_SECTORS], choice.patch - first_patch(lights, tree), u0, u1,
+        )
+    elif receiver.leaves_dim:
+        pdf, wi = sample_cell(lights.compensated_marginal, lights.compensated_conditional, cell[0], cell[1], u0, u1)
+    else:
+        pdf, wi = sample_cell(lights.map_marginal, lights.map_conditional, cell[0], cell[1], u0, u1)
+    if not has_portals(lights):
+        return pdf * choice.pmf, wi
+    if is_through_portal:
+        x, y, z, possible = sample_linked_portals(lights, receiver.p, u0, u1)
+        if possible > 0.0:
+            wi = (x, y, z)
+    row = selection_row(lights, tree, receiver.p) if choice.patch >= 0 else np.int64(-1)
+    return _map_pdf(lights, tree, row, choice.pmf, receiver.p, receiver.leaves_dim, wi), wi
+
+
+@kernel
+def _map_pdf(lights, tree, row, pmf, p, leaves_dim, wi):
+    """Density [sr^-1] with which a direction in no disc is drawn by the background's map or through portals.
+
+    Parameters
+    ----------
+    row : int, of the region that chooses among the map's patches; -1: the map is chosen as a whole
+    pmf : float32, with which it is then
+    """
+    if row >= 0:
+        patch, pdf = patch_pdf(
+            lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
+            lights.header[HEADER_SECTORS], wi,
+        )
+        first = first_patch(lights, tree)
+        pdf *= cluster_pmf(lights, row, first + patch)
+        if has_portals(lights):
+            last = first + np.int64(lights.header[HEADER_BANDS]) * np.int64(lights.header[HEADER_SECTORS])
+            cumulative = lights.selection.cumulative
+            pdf = with_portals(lights, p, wi, pdf, cumulative[row, last] - cumulative[row, first])
+        return pdf
+    if leaves_dim:
+        pdf = map_pdf(lights.compensated_marginal, lights.compensated_conditional, wi) * pmf
+    else:
+        pdf = map_pdf(lights.map_marginal, lights.map_conditional, wi) * pmf
+    if has_portals(lights):
+        pdf = with_portals(lights, p, wi, pdf, pmf)
+    return pdf
 
 
 @kernel
@@ -335,16 +385,10 @@ def background_pdf(lights, tree, p, n, has_transmission, leaves_dim, direction):
     row = selection_row(lights, tree, p)
     if disc >= 0:
         return disc_pdf(lights.discs, disc) * emitter_pmf(lights, row, emitter, p, n, has_transmission)
+    one = 0.0 * p[0] + 1.0
     if row >= 0:
-        patch, pdf = patch_pdf(
-            lights.map_marginal, lights.map_conditional, lights.map_patches, lights.header[HEADER_BANDS],
-            lights.header[HEADER_SECTORS], direction,
-        )
-        return pdf * cluster_pmf(lights, row, first_patch(lights, tree) + patch)
-    if leaves_dim:
-        pdf = map_pdf(lights.compensated_marginal, lights.compensated_conditional, direction)
-    else:
-        pdf = map_pdf(lights.map_marginal, lights.map_conditional, direction)
+        return _map_pdf(lights, tree, row, one, p, leaves_dim, direction)
+    pdf = _map_pdf(lights, tree, row, one, p, leaves_dim, direction)
     if not pdf > 0.0:
         return pdf
     return pdf * emitter_pmf(lights, row, emitter, p, n, has_transmission)
@@ -354,8 +398,9 @@ def background_pdf(lights, tree, p, n, has_transmission, leaves_dim, direction):
 def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi):
     """The cluster of a light sample, and how likely it was chosen; `emitter` and `pmf` as `sample_light` said.
 
-    Where the background's dim parts are left to scattering, its density within a patch is another one: probabilities
-    are then such that they give, times the density of the whole map within the patch, the density of the direction.
+    Where the background's dim parts are left to scattering, or it is drawn through portals, its density within a patch
+    is another one: probabilities are then such that they give, times the density of the whole map within the patch, the
+    density of the direction.
 
     Returns
     -------
@@ -370,9 +415,9 @@ def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi)
         patch = first_patch(lights, tree) + patch_of(
             lights.map_conditional, lights.header[HEADER_BANDS], lights.header[HEADER_SECTORS], wi
         )
-        if leaves_dim:
+        if leaves_dim or has_portals(lights):
             whole = map_pdf(lights.map_marginal, lights.map_conditional, wi)
-            part = map_pdf(lights.compensated_marginal, lights.compensated_conditional, wi)
+            part = _map_pdf(lights, tree, np.int64(-1), ratio, p, leaves_dim, wi)
             ratio = part / whole if whole > 0.0 else 0.0 * whole
     row = selection_row(lights, tree, p)
     cluster, chosen_pmf = cluster_of(lights, emitter, patch, pmf, p, n, has_transmission)
@@ -380,7 +425,12 @@ def cluster_choice(lights, emitter, pmf, p, n, has_transmission, leaves_dim, wi)
         chosen_pmf *= ratio
         return cluster, chosen_pmf, chosen_pmf
     tree_pmf = ratio * tree_choice(lights, emitter, cluster, p, n, has_transmission)
-    return cluster, cluster_pmf(lights, row, cluster), tree_pmf
+    chosen_pmf = cluster_pmf(lights, row, cluster)
+    if patch >= 0 and has_portals(lights):
+        whole = map_pdf(lights.map_marginal, lights.map_conditional, wi)
+        drawn = _map_pdf(lights, tree, row, ratio, p, leaves_dim, wi)
+        chosen_pmf = drawn * lights.cluster_share[cluster] / whole if whole > 0.0 else 0.0 * whole
+    return cluster, chosen_pmf, tree_pmf
 
 
 @kernel

@@ -13,7 +13,15 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.memory import write3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, lane_ahead
 from engine.kernels.shader.ahead import ask_for_coordinates, ask_for_texels
-from engine.kernels.shader.opcodes import CLOSURE_FIRST, IMAGE_FIRST, MATH_FIRST, RAYS_FIRST, TEXTURE_FIRST
+from engine.kernels.shader.linked_patterns import run_linked_pattern
+from engine.kernels.shader.opcodes import (
+    CLOSURE_FIRST,
+    IMAGE_FIRST,
+    MATH_FIRST,
+    PATTERNS_FIRST,
+    RAYS_FIRST,
+    TEXTURE_FIRST,
+)
 from engine.kernels.shader.ops_closure import run_closure_op
 from engine.kernels.shader.ops_image import run_image_op
 from engine.kernels.shader.ops_input import OP_ATTRIBUTE, OP_NORMAL, OP_SET_NORMAL, run_attribute, run_input_op
@@ -53,6 +61,17 @@ _COORDINATES_AHEAD = 8
 
 
 @kernel
+def _left_out(mode):
+    """Flags of closures for the caustics that a mode leaves out."""
+    caustics = 0
+    if mode & MODE_NO_REFLECTIVE_CAUSTICS:
+        caustics |= CLOSURE_NO_REFLECTIVE_CAUSTICS
+    if mode & MODE_NO_REFRACTIVE_CAUSTICS:
+        caustics |= CLOSURE_NO_REFRACTIVE_CAUSTICS
+    return caustics
+
+
+@kernel
 def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_count, memory, mode):
     """Run the program of each listed lane at its point and fill the lane's closures.
 
@@ -80,11 +99,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
     pixels_float = shaders.pixels_float
     floats = memory.floats
     column = 2 * (mode & MODE_MASK)
-    caustics = 0
-    if mode & MODE_NO_REFLECTIVE_CAUSTICS:
-        caustics |= CLOSURE_NO_REFLECTIVE_CAUSTICS
-    if mode & MODE_NO_REFRACTIVE_CAUSTICS:
-        caustics |= CLOSURE_NO_REFRACTIVE_CAUSTICS
+    caustics = _left_out(mode)
     for k in range(lane_count):
         lane = lanes[k]
         ask_for_point(points, lanes[min(k + _POINTS_AHEAD, lane_count - 1)])
@@ -120,7 +135,9 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
         end = programs[program, PROGRAM_END + column]
         while pc < end:
             opcode = code[pc]
-            if opcode >= TEXTURE_FIRST:
+            if opcode >= PATTERNS_FIRST:
+                run_linked_pattern(tables, code, pc, floats)
+            elif opcode >= TEXTURE_FIRST:
                 run_texture_op(opcode, code, pc, floats, pool)
             elif opcode >= MATH_FIRST:
                 run_math_op(opcode, code, pc, floats, pool)

@@ -9,3 +9,4 @@ VOLUME_FIRST = 170  # engine/kernels/shader/ops_volume.py, run as closures
 IMAGE_FIRST = 200  # engine/kernels/shader/ops_image.py
 MATH_FIRST = 300  # engine/kernels/shader/ops_math.py
 TEXTURE_FIRST = 400  # engine/kernels/shader/ops_texture.py
+PATTERNS_FIRST = 450  # engine/kernels/shader/ops_patterns.py, called by linked_patterns.py

@@ -69,7 +69,8 @@ def test_memory_that_is_none_harms_nobody(fur: tuple[Any, Any], address: int) ->
 
 
 @pytest.mark.parametrize(
-    "other", [{"seed": 5}, {"name": "Wool"}, {"settings": SimpleNamespace(as_pointer=lambda: 64)}], ids=str
+    "other", [{"seed": 5}, {"name": "Wool"}, {"settings": SimpleNamespace(as_pointer=lambda: 64)}],
+    ids=["seed", "name", "settings"],
 )
 def test_systems_that_look_otherwise_are_left_alone(fur: tuple[Any, Any], other: dict[str, Any]) -> None:
     owner, system = fur

@@ -254,10 +254,19 @@ def test_light_nodes(scene: Any) -> None:
     assert graph.nodes[graph.surface.node].inputs["Strength"] == 5.0
 
 
-def test_portal_is_left_out_with_a_notice(scene: Any) -> None:
-    add_light("AREA").data.cycles.is_portal = True
+def test_a_portal_is_no_light_but_the_worlds(scene: Any) -> None:
+    import bpy
+
+    portal = add_light("AREA")
+    portal.data.cycles.is_portal = True
+    portal.data.shape, portal.data.size, portal.data.size_y = "ELLIPSE", 2.0, 3.0
+    portal.location = (1.0, 2.0, 3.0)
+    scene.world = bpy.data.worlds.new("World")
     description = export()
-    assert description.lights == [] and [notice.subject for notice in description.notices] == ["Light"]
+    assert description.lights == [] and description.notices == [] and description.world is not None
+    (found,) = description.world.portals
+    assert (found.shape, found.size_x, found.size_y) == ("ELLIPSE", 2.0, 3.0)
+    assert found.transform[:3, 3].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_instanced_lights_have_keys_of_their_own(scene: Any) -> None:

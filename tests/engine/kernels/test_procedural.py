@@ -6,10 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.shaders.nodes_texture_math import NODES
+from engine.shaders.nodes_patterns import NODES as PATTERNS
+from engine.shaders.nodes_texture_math import NODES as TEXTURES
 from tests.helpers.node_runner import run_node
 
-_TEXTURES = sorted(kind for kind in NODES if kind.startswith("ShaderNodeTex"))
+NODES = TEXTURES | PATTERNS
+_TEXTURES = [*sorted(kind for kind in NODES if kind.startswith("ShaderNodeTex")), "ShaderNodeRadialTiling"]
 
 
 def _outputs(kind: str) -> list[str]:
@@ -59,3 +61,16 @@ def test_white_noise_is_uniform() -> None:
     values = np.sort(run_node("ShaderNodeTexWhiteNoise", "Value", {"Vector": points}).ravel())
     steps = (np.arange(4096) + 0.5) / 4096
     assert np.abs(values - steps).max() < 0.0255
+
+
+@pytest.mark.parametrize(("sides", "width"), [(2.0, 0.0), (4.0, 1.0), (6.0, 3.0**-0.5)])
+def test_width_of_a_straight_side(sides: float, width: float) -> None:
+    """Half a side of a polygon about the unit circle; two sides have no end."""
+    found = run_node("ShaderNodeRadialTiling", "Segment Width", {"Vector": np.ones((1, 3), np.float32), "Sides": sides})
+    np.testing.assert_allclose(found, width, rtol=1e-6)
+
+
+def test_width_of_a_round_side() -> None:
+    inputs = {"Vector": np.ones((1, 3), np.float32), "Sides": 5.0, "Roundness": 1.0}
+    found = run_node("ShaderNodeRadialTiling", "Segment Width", inputs)
+    np.testing.assert_allclose(found, np.pi / 5.0, rtol=1e-6)

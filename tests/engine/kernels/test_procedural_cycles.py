@@ -117,7 +117,36 @@ def _small() -> list[NodeCase]:
     return cases
 
 
-_CASES = _noise() + _voronoi() + _small()
+def _patterns() -> list[NodeCase]:
+    """Gabor Textures, and Radial Tilings of every kind of segment and corner."""
+    cases = []
+    for kind in ("2D", "3D"):
+        inputs = {"Vector": "A", "Scale": 2.3, "Frequency": 1.7, "Orientation 2D": 0.4}
+        for output in ("Value", "Phase", "Intensity"):
+            for anisotropy, direction in ((1.0, "B"), (0.6, (0.3, -0.5, 0.7)), (0.0, (-1.0, 0.2, -0.1))):
+                given = {**inputs, "Anisotropy": anisotropy, "Orientation 3D": direction}
+                cases.append(NodeCase("ShaderNodeTexGabor", output, given, {"gabor_type": kind}))
+        varying = {"Vector": ("A", 3.0), "Frequency": "B.x", "Anisotropy": "B.y", "Orientation 2D": "B.z"}
+        cases.append(NodeCase("ShaderNodeTexGabor", "Value", varying, {"gabor_type": kind}))
+    for sides in (1.0, 2.0, 2.4, 5.0, 5.3, 7.9):
+        for roundness in (0.0, 0.35, 1.0):
+            for normalize in (False, True):
+                given = {"Vector": "A", "Sides": sides, "Roundness": roundness}
+                if sides < 2.1 and 0.0 < roundness < 1.0:  # Cycles divides by the tangent of a right angle.
+                    continue
+                # All segments are of one width unless a fraction of a side is left.
+                width = ("Segment Width",) if sides % 1.0 else ()
+                for output in ("Segment Coordinates", "Segment Rotation", *width):
+                    cases.append(NodeCase("ShaderNodeRadialTiling", output, given, {"normalize": normalize}))
+        cases.append(NodeCase("ShaderNodeRadialTiling", "Segment ID", {"Vector": "A", "Sides": sides}))
+    for varying in ({"Sides": ("B.x", 9.0), "Roundness": 1.0}, {"Sides": 6.7, "Roundness": "B.y"}):
+        given = {"Vector": "A", **varying}
+        for output in ("Segment Coordinates", "Segment Width"):
+            cases.append(NodeCase("ShaderNodeRadialTiling", output, given, {"normalize": True}))
+    return cases
+
+
+_CASES = _noise() + _voronoi() + _small() + _patterns()
 
 
 @pytest.fixture(scope="module")
@@ -137,6 +166,9 @@ def test_texture_is_that_of_cycles(rendered: list[tuple[dict[str, np.ndarray], n
     allowance = 1e-4 + 1e-4 * np.abs(theirs)
     if case.kind == "ShaderNodeTexNoise" and case.output == "Color" and bpy.app.version >= (5, 1):
         allowance = allowance + _effect_of_rounding(case, inputs, properties)
+    if case.output == "Phase":
+        # The angle of a phasor is as exact as the phasor is long.
+        allowance = allowance + 1e-6 / run_node(case.kind, "Intensity", inputs, properties)
     assert (np.abs(ours - theirs) <= allowance).all(), np.abs(ours - theirs).max()
 
 

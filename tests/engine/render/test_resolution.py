@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
+from engine.accuracy import LEAST_CACHED_SAMPLES
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.render.resolution import resolve
 from engine.render.strata import StrataFilm
@@ -62,6 +64,22 @@ def test_the_cache_is_left_where_it_lacks_something(lacking):
     # A light group that nobody asks for is no reason.
     if "groups" in lacking:
         assert resolved(CACHED, scene_of(**lacking))[0].request.settings.radiance_cache == "CONVERGING"
+
+
+def test_an_automatic_cache_is_left_without_a_warning_where_it_cannot_be():
+    """Nobody has asked for it: the reason is for the report."""
+    automatic = RenderSettings(radiance_cache="AUTO")
+    found, problems = resolved(automatic, scene_of())
+    assert (found.request.settings.radiance_cache, found.cache_left_out, problems) == ("AUTO", "", [])
+    assert found.request.layout.use_residual
+    for settings, scene, reason in (
+        (automatic, scene_of(disperses=True), "wavelengths"),
+        (automatic, scene_of(catches=True), "shadow catchers"),
+        (replace(automatic, samples=LEAST_CACHED_SAMPLES - 1), scene_of(), "so few samples"),
+    ):
+        found, problems = resolved(settings, scene)
+        assert found.request.settings.radiance_cache == "OFF" and not found.request.layout.use_residual
+        assert reason in found.cache_left_out and problems == []
 
 
 @pytest.mark.parametrize(("roulette", "count"), [("LEARNED", 1), ("AUTO", 0), ("THROUGHPUT", 0)])

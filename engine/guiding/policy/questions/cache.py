@@ -51,8 +51,7 @@ class CacheQuestion(Question):
     def __init__(self, context: RenderContext, standing: Standing) -> None:
         self._report, self._standing, self._rules = context.report, standing, context.rules
         #: Of the paths, to measure what the cache lacks; and the sample from which on it is judged again.
-        is_judged = context.settings.radiance_cache == "CONVERGING"
-        self._share = context.rules.cache_measured_share if is_judged else 0.0
+        self._share = context.rules.cache_measured_share if context.settings.measures_cache else 0.0
         self._judge_from = 0.0
         self._was_bad = False
 

@@ -48,3 +48,23 @@ def test_a_render_that_is_over_too_soon_says_so() -> None:
     report.describe_left_out()
     assert report.chosen == "OFF"
     assert report.sentence == "Rendered without guiding: so few samples are over before it could pay"
+
+
+@pytest.mark.parametrize(
+    ("facts", "words"),
+    [
+        ({"cache_bias": 0.004}, ("40% of the paths could end", "off by about 0.4%", "vanishes with more samples")),
+        ({"cache_bias": 0.004, "cache_stopped_at": 15}, ("did not pay", "from sample 16 on")),
+        ({}, ("What that lacks is missing",)),
+    ],
+)
+def test_artists_read_that_paths_ended_early_and_what_that_leaves(facts: dict[str, Any], words: tuple[str]) -> None:
+    report = GuidingReport(**facts)
+    report.describe_cache((0.3, 0.1, 0.0))
+    assert all(some in report.cache_sentence for some in words) and "30% after one" in report.lines[-1]
+
+
+def test_an_automatic_cache_says_why_it_was_left_out() -> None:
+    report = GuidingReport()
+    report.describe_no_cache("it knows no wavelengths")
+    assert "it knows no wavelengths" in report.cache_sentence and "it knows no wavelengths" in report.lines[-1]
