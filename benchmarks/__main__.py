@@ -80,11 +80,6 @@ def _parser() -> argparse.ArgumentParser:
         "out/first-click")  # fmt: skip
     profile = add("profile", "time and rays per stage, and how near to bare Embree", 32, 1, "out/profile")
     profile.add_argument("--no-replay", action="store_true", help="skip tracing the recorded rays again")
-    threads = add("many-threads", "what 16 and 64 threads would wait for", 128, 1, "out/many-threads")
-    threads.add_argument(
-        "--methods", nargs="+", default=["OFF", "VMM", "AUTO", "AUTO-CONVERGING"],
-        help="METHOD or METHOD-CACHE (default: %(default)s)",
-    )  # fmt: skip
     gallery = add("gallery", "contact sheets: ours, Cycles', difference", 128, 1, "docs/gallery")
     gallery.add_argument("--rival", default="OFF", help="which of our methods (default: %(default)s)")
     sheets = add("passes", "contact sheets of a scene's passes: ours, Cycles', difference", 128, 1, "docs/gallery")
@@ -197,13 +192,6 @@ def main(arguments: list[str] | None = None) -> int:
             scenes = _scenes(chosen, SHORT_SET[:1])
             del common["resume"]
             profile(scenes, chosen.samples, with_replay=not chosen.no_replay, **common)
-            return 0
-        if chosen.command == "many-threads":
-            from benchmarks.many_threads import many_threads
-
-            many_threads(
-                _scenes(chosen, SHORT_SET[:1]), chosen.samples, pixels=chosen.pixels, methods=chosen.methods
-            )
             return 0
         if chosen.command == "passes":
             from benchmarks.pass_sheet import pass_sheets

@@ -54,7 +54,7 @@ class Bridge:
         Puts sums on the film, with the weight of each of their samples.
     """
 
-    def __init__(self, put: Callable[[Sequence[Unit], FilmTile, float], None]) -> None:
+    def __init__(self, put: Callable[[Sequence[Unit], FilmTile, float], object]) -> None:
         self._put = put
         self._tasks = PlainSchedule(0, 0)
         self._end = 0

@@ -26,7 +26,8 @@ from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
 from engine.render.film import Film
-from engine.render.report import ENDINGS, Progress
+from engine.render.path_progress import PathProgress
+from engine.render.report import Progress
 from engine.render.request import RenderRequest
 from engine.render.schedule import (
     LARGEST_TASK_SAMPLES,
@@ -40,7 +41,7 @@ from engine.render.schedule import (
 )
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tiles import FrameTiles, Tile, TrialTiles
-from engine.render.time_left import SHORTEST_PASS, TimeLeft
+from engine.render.time_left import TimeLeft
 from engine.scene.description import Notice
 from engine.state.columns import rows_of
 from engine.state.film import FilmTile
@@ -143,10 +144,7 @@ class RenderLoop:
         self._learned: Guidance | None = None
         self._rests = LearningRests(pixel_count, request.learning.rules)
         self._before = Statistics()
-        self._finished_paths = 0
-        self._total_paths = float(pixel_count * samples)
-        self._sample = 0
-        self._fraction = 0.0
+        self._progress = PathProgress(pixel_count, samples, settings.time_limit)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
@@ -218,8 +216,8 @@ class RenderLoop:
         task, unit, learner = tasks[0], units[0], self.learner
         for index, of_unit in enumerate(records or ()):
             self._units.setdefault(tasks[index].tile, []).append(of_unit)
-        self._finished_paths += sum(len(one.pixels) for one in units) * unit.sample_count
-        self._sample = max(self._sample, unit.sample_first + unit.sample_count)
+        path_count = sum(len(one.pixels) for one in units) * unit.sample_count
+        self._progress.add(path_count, unit.sample_first + unit.sample_count)
         if unit.arm == BRIDGE:
             self._bridge.keep(units, sums)
             return
@@ -246,7 +244,7 @@ class RenderLoop:
     @property
     def has_paths(self) -> bool:
         """Whether there is anything to show; it may be a part of the image."""
-        return self._finished_paths > 0
+        return self._progress.has_paths
 
     @property
     def has_all_pixels(self) -> bool:
@@ -268,24 +266,12 @@ class RenderLoop:
         message : str
             While it is not known how the render ends.
         """
-        elapsed = self.elapsed
-        samples, limit, active = self.samples, self.settings.time_limit, self._active
-        fraction = min(self._finished_paths / max(self._total_paths, 1.0), 1.0)
-        sample = int(fraction * samples) if active is None else self._sample
-        remaining = None
-        if fraction > 0.0 and (active is None or active.has_looked):
-            remaining = elapsed * (1.0 - fraction) / fraction
-        if limit:
-            remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
-            fraction = max(fraction, min(elapsed / limit, 1.0))
-        # What is expected after a look may be more than what was before.
-        self._fraction = max(self._fraction, fraction)
-        share = None
-        if active is not None and active.has_looked:
-            share = active.count / max(self.film.width * self.film.height, 1)
-        message = ENDINGS[self.ended_by] if self.ended_by else message
-        return Progress(
-            self._fraction, sample, samples, elapsed, remaining, rays / max(elapsed, 1e-6), message, share
+        active = self._active
+        has_looked = active is not None and active.has_looked
+        share = active.count / (self.film.width * self.film.height) if active is not None and has_looked else None
+        return self._progress.report(
+            self.elapsed, rays, self.ended_by, message, share, is_known=active is None or has_looked,
+            counts_samples=active is not None,
         )
 
     # -- between iterations and steps ---------------------------------------------------------------------------------
@@ -348,7 +334,7 @@ class RenderLoop:
         if active is None or not active.is_due(samples):
             return False
         active.look(samples)
-        self._total_paths = self._finished_paths + active.expected_paths
+        self._progress.expect(active.expected_paths)
         if active.count == 0:
             self.ended_by = "NOISE_THRESHOLD"
         return active.count == 0
@@ -377,12 +363,11 @@ class RenderLoop:
         if self._active is not None:
             tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
-        learns = not has_rested and (learner.wants_last or not self._is_short(*following))
+        learns = not has_rested and (learner.wants_last or not self._time_left.is_short(*following))
         if learns:
             assert self.guidance is not None
-            bridged, bridge_paths = 0, self._bridge.take_path_count()
-            if iterations.is_whole and self.strata == 1:
-                bridged = bridge_samples(learner.arms, learner.other_arms, following[1])
+            bridge_paths = self._bridge.take_path_count()
+            bridged = bridge_samples(learner.arms, learner.other_arms, following[1]) if self.strata == 1 else 0
             if bridged:
                 self._begin_bridge(following[0], bridged, tiles)
                 following = following[0] + bridged, following[1] - bridged
@@ -427,11 +412,6 @@ class RenderLoop:
         self.tiles = tiles
         iterations.begin(arms, len(self.tiles), other_arms, first_other)
 
-    def _is_short(self, first: int, count: int) -> bool:
-        """Whether an iteration is one of the last passes before a time limit, which may be cut off: nothing is won back
-        of what it teaches."""
-        return self._time_left.is_limited and first > 0 and count <= SHORTEST_PASS
-
     def _arms_of(self, first: int, count: int) -> Sequence[ArmSamples]:
         """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
         assert self.learner is not None
@@ -443,7 +423,7 @@ class RenderLoop:
         active, guidance = self._active, self.guidance
         assert guidance is not None
         rests = active is not None and active.has_looked and self._rests.take(active.count, count)
-        if rests or self._is_short(first, count):
+        if rests or self._time_left.is_short(first, count):
             self._learned = guidance
             self._go_by(guidance.without_records())
             arms = [ArmSamples(first, count, CURRENT)]

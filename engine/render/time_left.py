@@ -69,3 +69,8 @@ class TimeLeft:
             return wanted
         sure = int(min(_SURE_SHARE * (self._limit - elapsed) / self._seconds_per_sample, float(wanted)))
         return min(wanted, max(sure, SHORTEST_PASS))
+
+    def is_short(self, first: int, count: int) -> bool:
+        """Whether a pass is one of the last before the limit, which may be cut off: nothing is won back of what it
+        teaches."""
+        return self.is_limited and first > 0 and count <= SHORTEST_PASS

@@ -130,6 +130,16 @@ def _lanes_in_flight(view: SceneView, arm: Arm) -> int:
     return LANES_AMONG_STRANDS if has_few else LANE_COUNT
 
 
+def _radiance_of(guidance: Guidance | None, nothing: RadianceView) -> RadianceView:
+    """What predicts radiance, and where paths end; `nothing` is that of who knows nothing."""
+    names = [name for name in RadianceView._fields if name not in RadianceView._opaque]
+    learned = {} if guidance is None else {name: getattr(guidance, name) for name in names}
+    radiance = nothing._replace(**{name: one for name, one in learned.items() if one is not None})
+    if radiance._numba_type_ != nothing._numba_type_:
+        raise TypeError("what was learned is not of the shape that kernels were compiled for")
+    return radiance
+
+
 class Tracer:
     """Path tracing; shared by all threads, changed by none while they trace.
 
@@ -302,9 +312,10 @@ class Tracer:
     def _make_arm(self, guidance: Guidance | None) -> Arm:
         newest = self._guidance
         seen = self.view, newest is not None and newest.lights is not None
+        radiance = _radiance_of(guidance, self._no_radiance)
         if guidance is None or guidance.field is None:
             options = make_guiding_options(self._settings, candidate_count=1)
-            return Arm(guidance, {"options": options, **self._nothing_learned}, self._radiance_of(guidance), *seen)
+            return Arm(guidance, {"options": options, **self._nothing_learned}, radiance, *seen)
         options = make_guiding_options(
             self._settings,
             candidate_count=guidance.candidate_count,
@@ -317,16 +328,7 @@ class Tracer:
         }
         if guidance.model is not None and self._batches:
             self._link_model(guidance.model, self._batches[0])
-        return Arm(guidance, learned, self._radiance_of(guidance), *seen, guidance.model)
-
-    def _radiance_of(self, guidance: Guidance | None) -> RadianceView:
-        """What predicts radiance, and where paths end."""
-        names = [name for name in RadianceView._fields if name not in RadianceView._opaque]
-        learned = {} if guidance is None else {name: getattr(guidance, name) for name in names}
-        radiance = self._no_radiance._replace(**{name: one for name, one in learned.items() if one is not None})
-        if radiance._numba_type_ != self._no_radiance._numba_type_:
-            raise TypeError("what was learned is not of the shape that kernels were compiled for")
-        return radiance
+        return Arm(guidance, learned, radiance, *seen, guidance.model)
 
     def warm_up(self, batch: Batch) -> None:
         """Load (or compile) every kernel that this scene can need."""

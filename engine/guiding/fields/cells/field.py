@@ -60,6 +60,16 @@ def empty_cells(size: float = 1.0, slot_count: int = SLOT_COUNT) -> CellField:
     )
 
 
+def _places(cells: CellField) -> Float32Array:
+    """Sums and tags, float32 (S, _PLACE_WIDTH): they lie together, and are copied faster so."""
+    return np.lib.stride_tricks.as_strided(cells.sums, (len(cells.tag), _PLACE_WIDTH), cells.sums.strides)
+
+
+def copy_cells(cells: CellField, other: CellField) -> None:
+    """Have another field of as many places know what one does."""
+    _places(other)[:] = _places(cells)
+
+
 def _with_cells(size: float, slot_count: int, used: np.ndarray, tag: np.ndarray, sums: np.ndarray) -> CellField:
     """A field from another process: strides are a part of its type, so it is made here."""
     cells = empty_cells(size, slot_count)

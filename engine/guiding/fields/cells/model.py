@@ -20,6 +20,7 @@ from engine.guiding.fields.cells.field import (
     CellField,
     cell_key,
     claim_cell,
+    copy_cells,
     empty_cells,
 )
 from engine.guiding.fields.cells.query import first_level, is_small
@@ -71,6 +72,8 @@ def _learn(cells, rows, level, shares, places, tags):
 class CellModel:
     """Cells of a render.
 
+    There are two tables in turns: paths that are traced while a learning goes on look into what the one before left.
+
     Attributes
     ----------
     field : CellField or None, while nothing is known
@@ -79,16 +82,21 @@ class CellModel:
 
     def __init__(self) -> None:
         self.field: CellField | None = None
+        self._spare: CellField | None = None
         self.lost_count = 0
 
     def learn(self, records: CacheRecords) -> None:
-        """Add the records of an iteration; no thread may look cells up meanwhile."""
+        """Add the records of an iteration. Threads may look into the field meanwhile, but not into earlier ones."""
         row_count = len(records.program)
         if not row_count:
             return
         if self.field is None:
             extent = extent_of(records.position)
-            self.field = empty_cells(_SMALLEST_SHARE * extent)
+            field = empty_cells(_SMALLEST_SHARE * extent)
+        else:
+            field = self._spare or empty_cells(float(self.field.size[0]), len(self.field.tag))
+            copy_cells(self.field, field)
         scratch = [np.zeros(row_count, kind) for kind in (np.float32, np.int64, np.uint32)]
         for level in range(LEVEL_COUNT):
-            self.lost_count += int(_learn(self.field, records, level, *scratch))
+            self.lost_count += int(_learn(field, records, level, *scratch))
+        self.field, self._spare = field, self.field

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far a render has come, in paths."""
+
+from __future__ import annotations
+
+from engine.render.report import ENDINGS, Progress
+
+
+class PathProgress:
+    """How many paths are traced, of how many.
+
+    Parameters
+    ----------
+    pixel_count, samples : int
+        What there is to render.
+    time_limit : float
+        0: none [s].
+    """
+
+    def __init__(self, pixel_count: int, samples: int, time_limit: float) -> None:
+        self._samples, self._time_limit = samples, time_limit
+        self._finished, self._expected = 0, float(pixel_count * samples)
+        self._sample = 0
+        self._fraction = 0.0
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether any is traced."""
+        return self._finished > 0
+
+    def add(self, path_count: int, sample: int) -> None:
+        """Take so many more paths, of pixels that have so many samples by now."""
+        self._finished += path_count
+        self._sample = max(self._sample, sample)
+
+    def expect(self, path_count: float) -> None:
+        """Take how many are still to come."""
+        self._expected = self._finished + path_count
+
+    def report(self, elapsed: float, rays: int, ended_by: str, message: str, share: float | None, *, is_known: bool,
+               counts_samples: bool) -> Progress:  # fmt: skip
+        """Where it stands now.
+
+        Parameters
+        ----------
+        elapsed : float
+            Since the beginning [s].
+        rays : int
+            Traced so far.
+        ended_by : str
+            Of `ENDINGS`, once it is known.
+        message : str
+            While that is not known.
+        share : float or None
+            Of the pixels, that go on; None: all.
+        is_known : bool
+            Whether it is known how many paths are to come.
+        counts_samples : bool
+            Whether pixels have different numbers of samples, so that the fraction of paths does not tell them.
+        """
+        samples, limit = self._samples, self._time_limit
+        fraction = min(self._finished / max(self._expected, 1.0), 1.0)
+        sample = self._sample if counts_samples else int(fraction * samples)
+        remaining = None
+        if fraction > 0.0 and is_known:
+            remaining = elapsed * (1.0 - fraction) / fraction
+        if limit:
+            remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
+            fraction = max(fraction, min(elapsed / limit, 1.0))
+        # What is expected after a look may be more than what was before.
+        self._fraction = max(self._fraction, fraction)
+        message = ENDINGS[ended_by] if ended_by else message
+        return Progress(self._fraction, sample, samples, elapsed, remaining, rays / max(elapsed, 1e-6), message, share)
