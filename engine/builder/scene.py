@@ -62,6 +62,7 @@ from engine.state.lanes import RGB
 from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
 from engine.state.shaders import (
     PROGRAM_FLAGS,
+    PROGRAM_HAS_PORTAL,
     PROGRAM_HAS_SUBSURFACE,
     PROGRAM_IS_BOUNDARY,
     PROGRAM_MAY_BE_TRANSPARENT,
@@ -91,6 +92,7 @@ class Scene:
     world_program: int
     has_transparent_shadows: bool
     has_subsurface: bool
+    has_portals: bool
     #: Whether a material has nodes that trace rays.
     traces: bool
     notices: list[Notice] = field(default_factory=list)
@@ -222,7 +224,7 @@ def _have_flag(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArray
 
 def _facts(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays) -> dict[str, bool]:
     """What is so of a `Scene` where some instance has a material of that kind."""
-    flags = {"has_subsurface": PROGRAM_HAS_SUBSURFACE, "traces": PROGRAM_TRACES}
+    flags = {"has_subsurface": PROGRAM_HAS_SUBSURFACE, "has_portals": PROGRAM_HAS_PORTAL, "traces": PROGRAM_TRACES}
     return {name: bool(_have_flag(cache, geometry, shaders, flag).any()) for name, flag in flags.items()}
 
 

@@ -56,6 +56,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
@@ -185,7 +186,7 @@ class Tracer:
         numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
         numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(scene.lights.links.hidden) > 0
         numbers[SCENE_HAS_VARYING_LAMPS] = len(scene.lights.varying) > 0
-        numbers[SCENE_HAS_SUBSURFACE] = scene.has_subsurface
+        numbers[SCENE_HAS_SUBSURFACE], numbers[SCENE_HAS_PORTALS] = scene.has_subsurface, scene.has_portals
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
         numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()

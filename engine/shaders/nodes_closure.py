@@ -394,13 +394,6 @@ def _nothing(problem: str) -> Emit:
     return emit
 
 
-def ray_portal(node: Node, weight: Value, builder: Any) -> None:
-    """Ray Portal BSDF: unsupported."""
-    builder.notice("Ray Portal is not supported", "transparent")
-    operands = (_color(builder, default=1.0),)
-    builder.closure(ops.OP_TRANSPARENT, weight, operands, modes=(MODE_CLOSURES, MODE_TRANSPARENCY))
-
-
 _LOBE = ("Color", "Roughness", "Normal")
 _FILM = ("Thin Film Thickness", "Thin Film IOR")
 _GLOSSY = ClosureNode(glossy, (*_LOBE, "Anisotropy", "Rotation", "Tangent"), ("distribution",))
@@ -449,7 +442,7 @@ CLOSURES: dict[str, ClosureNode] = {
     "ShaderNodeSubsurfaceScattering": ClosureNode(
         subsurface, (*_LOBE, "Scale", "Radius", "IOR", "Anisotropy"), ("falloff",)
     ),
-    "ShaderNodeBsdfRayPortal": ClosureNode(ray_portal),
+    "ShaderNodeBsdfRayPortal": ClosureNode(nodes_linked.ray_portal, ("Color", "Position", "Direction")),
     "ShaderNodeEmission": _EMISSION,
     "ShaderNodeBackground": _EMISSION,
     "ShaderNodeHoldout": ClosureNode(holdout, ()),

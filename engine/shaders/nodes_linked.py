@@ -12,7 +12,7 @@ from engine.scene.description import Node
 from engine.shaders.closure_inputs import BLACK, ONE, ZERO, color, normal, number
 from engine.shaders.options import choice
 from engine.shaders.program import Value, is_zero
-from engine.shaders.table import VECTOR, Socket
+from engine.shaders.table import VECTOR, Implicit, Socket
 from engine.state.shaders import MODE_CLOSURES
 
 
@@ -60,3 +60,12 @@ def toon(node: Node, weight: Value, builder: Any) -> None:
 def velvet(node: Node, weight: Value, builder: Any) -> None:
     """Velvet BSDF of Blender 3, Ashikhmin's sheen since."""
     _lobe(builder, "VELVET", weight, number(builder, "Sigma" if "Sigma" in node.inputs else "Roughness", 1.0))
+
+
+def ray_portal(node: Node, weight: Value, builder: Any) -> None:
+    """Ray Portal BSDF. Shadow rays meet it as something opaque, so that it is in no other mode."""
+    link_lobes()
+    position = builder.input(Socket("Position", VECTOR, Implicit.POSITION))
+    direction = builder.input(Socket("Direction", VECTOR, (0.0, 0.0, 0.0)))
+    operands = (normal(builder), color(builder, default=1.0), position, direction, *[ZERO] * 5)
+    builder.closure(ops.opcode("LINKED"), weight, operands, (ADDED["PORTAL"], GGX), modes=(MODE_CLOSURES,))

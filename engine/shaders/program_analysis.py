@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
+from engine.kernels.bsdf.linked_lobes import ADDED
 from engine.kernels.shader import ops_closure, ops_image, ops_input, ops_rays
 from engine.scene.description import Notice
 from engine.shaders.blackbody import emission_temperature
@@ -51,6 +52,7 @@ def with_analysis(
         layout.PROGRAM_NO_BUMP_CORRECTION: not source.use_bump_map_correction,
         layout.PROGRAM_IS_LAMBERTIAN: lambertian is not None,
         layout.PROGRAM_HAS_SUBSURFACE: _has_subsurface(instructions, closures),
+        layout.PROGRAM_HAS_PORTAL: any(map(_is_portal, map(instructions.__getitem__, closures))),
         layout.PROGRAM_TRACES: any(instruction.opcode in _TRACING for instruction in instructions),
         layout.PROGRAM_TRACES_LOCALLY: any(map(_traces_locally, instructions)),
     }
@@ -105,6 +107,12 @@ def _has_subsurface(instructions: Sequence[Instruction], roots: Sequence[int]) -
         if opcode == principled and not is_zero(inputs[_SUBSURFACE]) and not _is_thin(inputs):
             return True
     return False
+
+
+def _is_portal(instruction: Instruction) -> bool:
+    """Whether a closure sends rays on elsewhere."""
+    is_linked = instruction.opcode == ops_closure.opcode("LINKED")
+    return is_linked and instruction.immediates[0] == ADDED["PORTAL"]
 
 
 def _closure_flags(instructions: Sequence[Instruction], roots: Sequence[int]) -> int:

@@ -76,6 +76,8 @@ PROGRAM_HAS_SUBSURFACE = 1024
 #: Has nodes that trace rays, and some whose rays meet the object alone.
 PROGRAM_TRACES = 2048
 PROGRAM_TRACES_LOCALLY = 4096
+#: Has a Ray Portal BSDF.
+PROGRAM_HAS_PORTAL = 8192
 
 # Columns of ShaderArrays.program_values.
 VALUE_EMISSION = 0  # radiance if constant, else an estimate of its mean

@@ -7,7 +7,7 @@ from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.evaluate import LABEL_LOBE
 from engine.kernels.bsdf.kinds import CLOSURE_DISPERSES
 from engine.kernels.constants import NAN
-from engine.kernels.path import go_below, pass_through, real_3, scatter_path
+from engine.kernels.path import pass_through, real_3, scatter_path
 from engine.kernels.prefetch import (
     ask_for_closures,
     ask_for_history,
@@ -28,7 +28,7 @@ def scatter(scene, unit, work, queue):
 
     Guided lanes draw here whether a delta lobe is taken, and the lobe; if not, they are left to resampling: those with
     one candidate, for which nothing needs to be predicted, in `work.single`, the others in `work.several`. Those that
-    go in below the surface are left in `work.walking`.
+    go on elsewhere, below the surface or through a portal, are left in `work.walking`.
     """
     options, paths, points, closures = scene.options, work.paths, work.points, work.closures
     guided, samples, log, f_cos = work.guided, work.samples, work.log, work.f_cos
@@ -86,7 +86,6 @@ def scatter(scene, unit, work, queue):
         paths.dimension[lane] += SETS_PER_VERTEX
         if label & RAY_SUBSURFACE:
             work.walks.lobe[lane] = label >> LABEL_LOBE
-            go_below(paths, lane)
             walking[walking_count] = lane
             walking_count += 1
             continue

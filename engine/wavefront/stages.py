@@ -30,6 +30,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
     SCENE_HAS_TRANSPARENT_SHADOWS,
@@ -46,6 +47,7 @@ from engine.wavefront.columns import (
 from engine.wavefront.cross_below import cross_below
 from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
+from engine.wavefront.enter_portals import enter_portals
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
@@ -284,6 +286,7 @@ _STAGES = (
     Stage(aim_occlusion, "occlusion", _OCCLUSION),
     Stage(keep_occlusion, "occlusion", _OCCLUSION),
     Stage(scatter, "scatter"),
+    Stage(enter_portals, "scatter", _scene(SCENE_HAS_PORTALS)),
     Stage(walk_subsurface, "walk_subsurface", _SUBSURFACE),
     Stage(cross_below, "walk_subsurface", _all(_SUBSURFACE, _scene(SCENE_HAS_BOUNDARIES))),
     Stage(sample_source, "sample_source", _is_guided, _guided),

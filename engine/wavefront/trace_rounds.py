@@ -19,6 +19,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
     SCENE_HAS_VARYING_LAMPS,
@@ -280,8 +281,10 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
 
 @kernel
 def _scatter(stages, scene, unit, work):
-    """Send paths on by the BSDF, and those that go in below a surface to where they come out."""
+    """Send paths on by the BSDF, and those that enter portals or go in below a surface to where they come out."""
     stages.scatter(scene, unit, work, work.surface)
+    if scene.header[SCENE_HAS_PORTALS] != 0:
+        stages.enter_portals(scene, unit, work, work.walking)
     mark(work.clock, CLOCK.scatter)
     if work.walking.count[0] > 0:
         stages.walk_subsurface(scene, unit, work, work.walking)

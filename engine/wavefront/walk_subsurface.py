@@ -31,7 +31,7 @@ from engine.kernels.bsdf.subsurface import (
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.constants import ONE_MINUS_EPSILON
 from engine.kernels.disk_sampling import axis_weight, burley_density, choose_probe
-from engine.kernels.path import real_3
+from engine.kernels.path import go_below, real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.random_walk import (
     MOST_STEPS,
@@ -382,6 +382,7 @@ def walk_subsurface(scene, unit, work, queue):
         ask_for_throughput(paths, ahead)
         ask_for_point(points, ahead)
         ask_for_closures(closures, ahead)
+        go_below(paths, lane)
         is_out, hit, direction = _go_below(scene, work, lane, work.walks.lobe[lane])
         if is_out:
             _come_out(work, lane, hit, direction)

@@ -10,6 +10,7 @@ import math
 
 from engine.kernels.bsdf import add_albedo, feature_normal
 from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, FIRST_MICROFACET, LAST_MICROFACET, TRANSPARENT
+from engine.kernels.bsdf.portal import is_portal
 from engine.kernels.path import real_3
 from engine.kernels.vector import add, load, scale, store
 from engine.runtime.jit import kernel
@@ -25,7 +26,7 @@ def _is_specular(closures, lane, i):
     kind = closures.kind[lane, i]
     if FIRST_MICROFACET <= kind <= LAST_MICROFACET:
         return closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y] <= _SPECULAR_ALPHA_SQUARED
-    return kind == TRANSPARENT
+    return kind == TRANSPARENT or is_portal(closures, lane, i)
 
 
 @kernel

@@ -68,6 +68,7 @@ from engine.kernels.bsdf.linked_facets import (
     set_address,
 )
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
+from engine.kernels.bsdf.portal import add_portal
 from engine.kernels.bsdf.tables import link_kernel, load_tables
 from engine.kernels.bsdf.toon import eval_toon, mirrored, sample_toon
 from engine.kernels.bsdf.velvet import eval_velvet, sample_velvet
@@ -82,8 +83,11 @@ from engine.state.lanes import CLOSURE_KIND_PARAMS, RGB, allocate_closures
 _KIND = CLOSURE_KIND_PARAMS - 1
 
 #: What LINKED instructions add, by name, and the number each is asked for by.
-ADDED = {"TOON_DIFFUSE": TOON_DIFFUSE, "VELVET": VELVET, "TOON_GLOSSY": TOON_GLOSSY, "METAL": 8, "METAL_BY_INDEX": 9}
-_METAL, _METAL_BY_INDEX = ADDED["METAL"], ADDED["METAL_BY_INDEX"]
+ADDED = {
+    "TOON_DIFFUSE": TOON_DIFFUSE, "VELVET": VELVET, "TOON_GLOSSY": TOON_GLOSSY, "METAL": 8, "METAL_BY_INDEX": 9,
+    "PORTAL": 10,
+}  # fmt: skip
+_METAL, _METAL_BY_INDEX, _PORTAL = ADDED["METAL"], ADDED["METAL_BY_INDEX"], ADDED["PORTAL"]
 _LEAST_SIZE = np.float32(1e-5)
 _LEAST_SIGMA = np.float32(0.01)
 
@@ -214,6 +218,10 @@ def add_linked(closures, tables, lane, view, weight, memory, code, pc):
     """Append the lobe of an instruction LINKED: `weight, normal, colour, colour, tangent, 5 numbers | which, ...`."""
     which = code[pc + 12]
     wo, ng, ns = view
+    if which == _PORTAL:
+        place = (read3(memory, code[pc + 5]), read3(memory, code[pc + 6]))
+        add_portal(closures, lane, view, scale(read3(memory, code[pc + 4]), weight), place)
+        return np.int64(0)
     n = safe_normal(read3(memory, code[pc + 3]), ns)
     is_velvet = which == VELVET
     is_glossy = which != TOON_DIFFUSE

@@ -25,6 +25,7 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.bsdf.linked import albedo_linked, is_linked
 from engine.kernels.bsdf.lobes import hair_albedo
 from engine.kernels.bsdf.microfacet import lobe_color
+from engine.kernels.bsdf.portal import is_portal
 from engine.kernels.constants import FLOAT_MIN
 from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
@@ -107,7 +108,7 @@ def albedo_parts(closures, tables, lane, wo, looks_up_transmission, out):
             out[row, c] = 0.0
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
-        if kind == TRANSPARENT:
+        if kind == TRANSPARENT or is_portal(closures, lane, i):
             continue
         if not FIRST_MICROFACET <= kind <= LAST_MICROFACET:
             row = DIFFUSE_LOBES

@@ -121,22 +121,6 @@ def test_a_texture_cache_is_named_where_cycles_would_use_it(scene: Any, tmp_path
     assert is_named()
 
 
-SHADERS = {
-    "ShaderNodeBsdfRayPortal": "Ray Portal",
-}
-
-
-@pytest.mark.parametrize("kind", SHADERS)
-def test_closures_that_are_missing_are_named_with_their_node(scene: Any, kind: str) -> None:
-    tree = scene.objects["Plane"].data.materials[0].node_tree
-    node = tree.nodes.new(kind)
-    output = next(item for item in tree.nodes if item.bl_idname == "ShaderNodeOutputMaterial")
-    tree.links.new(node.outputs[0], output.inputs["Surface"])
-    found = notices(scene)
-    assert [notice.subject for notice in found] == [f"Plane / Paint / {node.name}"]
-    assert SHADERS[kind].lower() in found[0].problem.lower()
-
-
 TEXTURES = ["ShaderNodeTexIES"]
 
 

@@ -266,8 +266,8 @@ def test_the_main_loop_passes_what_its_stages_take(
     stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
-    # The world is not constant in this scene, no model weighs candidates, and none has media and subsurface.
-    unused = {"fill_background", "ask_model", "cross_below"} | _OF_UNIFORM_MEDIA
+    # The world is not constant in this scene, no model weighs candidates, none has portals, nor media and subsurface.
+    unused = {"fill_background", "ask_model", "cross_below", "enter_portals"} | _OF_UNIFORM_MEDIA
     if spectral == "OFF":
         unused |= _OF_WAVELENGTHS
     if cache == "OFF" or spectral == "ON":
