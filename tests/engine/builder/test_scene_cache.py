@@ -33,6 +33,7 @@ from engine.scene.description import (
     Notice,
     PassMotion,
     PassSettings,
+    Portal,
     SceneDescription,
     World,
 )
@@ -199,6 +200,10 @@ def _original() -> SceneDescription:
 Change = Callable[[SceneDescription], None]
 
 
+def _portal(**changes: Any) -> Portal:
+    return replace(Portal(_at(0, 0, 4), "RECTANGLE", 1.0, 1.0), **changes)
+
+
 def _set(path: str, value: Any) -> Change:
     """Assign the attribute at the end of a path such as `lights.0.angle`."""
 
@@ -329,6 +334,11 @@ CHANGES: dict[str, list[Change]] = {
     "World.map_resolution": [_set("world.map_resolution", 32)],
     "World.max_bounces": [_set("world.max_bounces", 0)],
     "World.cast_shadow": [_set("world.cast_shadow", False)],
+    "World.portals": [_set("world.portals", [_portal()])],
+    "Portal.transform": [_set("world.portals", [_portal(transform=_at(1, 0, 4))])],
+    "Portal.shape": [_set("world.portals", [_portal(shape="DISK")])],
+    "Portal.size_x": [_set("world.portals", [_portal(size_x=2.0)])],
+    "Portal.size_y": [_set("world.portals", [_portal(size_y=2.0)])],
     "World.light_group": [_set("world.light_group", 0)],
     "Light.key": [_set("lights.0.key", "another")],
     "Light.name": [_set("lights.0.name", "Another")],

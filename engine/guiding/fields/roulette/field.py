@@ -63,6 +63,13 @@ def empty_roulette_field(size: float = 1.0, slot_count: int = SLOT_COUNT) -> Rou
     )
 
 
+def copy_of_roulette_field(field: RouletteField) -> RouletteField:
+    """The same in arrays of its own."""
+    other = empty_roulette_field(slot_count=len(field.tag))
+    other.tag[:], other.importance[:], other.numbers[:] = field.tag, field.importance, field.numbers
+    return other
+
+
 def _with_places(
     slot_count: int, numbers: np.ndarray, used: np.ndarray, tag: np.ndarray, importance: np.ndarray
 ) -> RouletteField:

@@ -14,6 +14,7 @@ from engine.guiding.fields.roulette.field import (
     LEVEL_COUNT,
     RouletteField,
     claim_roulette_cell,
+    copy_of_roulette_field,
     empty_roulette_field,
     roulette_key,
 )
@@ -83,7 +84,7 @@ class RouletteFieldModel:
         self._level = self._parent = np.zeros(0, np.int64)
 
     def learn(self, records: VertexRecords, row_count: int) -> None:
-        """Add the records of an iteration; no thread may look cells up meanwhile."""
+        """Add the records of an iteration; what threads look into meanwhile stays as it is."""
         if not row_count:
             return
         if self.field is None:
@@ -92,6 +93,8 @@ class RouletteFieldModel:
             slot_count = len(self.field.tag)
             self._sums = np.zeros((slot_count, _WIDTH))
             self._level, self._parent = np.full(slot_count, -1, np.int64), np.full(slot_count, -1, np.int64)
+        else:
+            self.field = copy_of_roulette_field(self.field)
         step = max(row_count // _MOST_RECORDS, 1)
         squares = np.square(records.outgoing_radiance[:row_count:step], dtype=np.float64)
         most = max(_OUTLIER_SHARE * float(squares.sum()), _OUTLIER_MEANS * float(squares.mean()))
