@@ -33,7 +33,6 @@ from engine.scene.description import (
     Notice,
     PassMotion,
     PassSettings,
-    Portal,
     SceneDescription,
     World,
 )
@@ -200,10 +199,6 @@ def _original() -> SceneDescription:
 Change = Callable[[SceneDescription], None]
 
 
-def _portal(**changes: Any) -> Portal:
-    return replace(Portal(_at(0, 0, 4), "RECTANGLE", 1.0, 1.0), **changes)
-
-
 def _set(path: str, value: Any) -> Change:
     """Assign the attribute at the end of a path such as `lights.0.angle`."""
 
@@ -325,20 +320,15 @@ CHANGES: dict[str, list[Change]] = {
     "Frame.pixel_aspect_x": [_set("frame.pixel_aspect_x", 2.0)],
     "Frame.pixel_aspect_y": [_set("frame.pixel_aspect_y", 2.0)],
     "Frame.exposure": [_set("frame.exposure", 2.0)],
-    "World.key": [_set("world.key", "another")],
-    "World.name": [_set("world.name", "Another")],
+    "World.key": [_set("world.key", "another")], "World.name": [_set("world.name", "Another")],
     "World.graph": [_set("world.graph", None), _graph("world", 1, "Strength", 0.1)],
     "World.color": [_set("world", World("world", "World", None, (0.9, 0.1, 0.1)))],
     "World.visibility": [_set("world.visibility", VISIBLE_CAMERA)],
     "World.sampling": [_set("world.sampling", "NONE"), _set("world.sampling", "AUTOMATIC")],
-    "World.map_resolution": [_set("world.map_resolution", 32)],
-    "World.max_bounces": [_set("world.max_bounces", 0)],
+    "World.map_resolution": [_set("world.map_resolution", 32)], "World.max_bounces": [_set("world.max_bounces", 0)],
     "World.cast_shadow": [_set("world.cast_shadow", False)],
-    "World.portals": [_set("world.portals", [_portal()])],
-    "Portal.transform": [_set("world.portals", [_portal(transform=_at(1, 0, 4))])],
-    "Portal.shape": [_set("world.portals", [_portal(shape="DISK")])],
-    "Portal.size_x": [_set("world.portals", [_portal(size_x=2.0)])],
-    "Portal.size_y": [_set("world.portals", [_portal(size_y=2.0)])],
+    **{name: [_set("world.portals", [contract.Portal(_at(0, 0, 4), "DISK", 1.0, 2.0)])] for name in
+       ("World.portals", "Portal.transform", "Portal.shape", "Portal.size_x", "Portal.size_y")},
     "World.light_group": [_set("world.light_group", 0)],
     "Light.key": [_set("lights.0.key", "another")],
     "Light.name": [_set("lights.0.name", "Another")],
