@@ -118,3 +118,15 @@ def test_all_samples_are_there_and_the_mean_is_kept(monkeypatch):
     # Standard error of the difference, of rows as independent samples; four of them.
     rows = (one - other).mean(axis=(1, 2))
     assert abs(rows.mean()) < 4.0 * rows.std(ddof=1) / np.sqrt(len(rows)) + 1e-4
+
+
+@pytest.mark.parametrize("method", ["SDTREE", "TABLE_RIS", "AUTO"])
+def test_what_bridges_go_by_does_not_change_while_it_learns(method):
+    one, two = (
+        render(
+            method, 3, scene=partial(corner_scene, (48, 40)), samples=63, guiding_trial=False, threads=threads,
+            deterministic=True,
+        ).passes["Combined"]
+        for threads in (1, 2)
+    )  # fmt: skip
+    assert np.array_equal(one, two)
