@@ -56,6 +56,27 @@ def write_half(typing_context: Any, address: Any, offset: Any, value: Any) -> An
     return types.void(types.int64, types.int64, types.int64), generate
 
 
+def kernel_address(function: Any, returned: Any, *argument_types: Any) -> int:
+    """Load or compile a kernel; where its machine code is for such arguments, which stays there.
+
+    Parameters
+    ----------
+    function : kernel
+    returned, *argument_types : numba types
+        As of `kernel_call`, which calls it; every type is said.
+
+    Raises
+    ------
+    TypeError
+        The kernel returns something else than its callers take.
+    """
+    function.dispatcher.compile(argument_types)
+    made = function.dispatcher.overloads[argument_types]
+    if made.signature.return_type != returned:
+        raise TypeError(f"{function.__name__} returns {made.signature.return_type}, not {returned}")
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+
+
 def kernel_call(returned: Any, *argument_types: Any) -> Any:
     """What an intrinsic returns that calls the kernel at an address, as a function of the types that it is given.
 

@@ -13,6 +13,7 @@ import numpy as np
 from engine.builder.dicing import dice
 from engine.builder.lamps import LAMP_KINDS
 from engine.kernels.bsdf.linked_lobes import link_lobes
+from engine.kernels.lights.linked_portals import link_portals
 from engine.kernels.shader.ops_patterns import link_patterns
 from engine.render import precompile
 from engine.render.compile_progress import report_to
@@ -196,6 +197,7 @@ def _compile_closures() -> None:
     for channel_count in (RGB, WAVELENGTH_COUNT):
         link_lobes(channel_count)
     link_patterns()
+    link_portals()
 
 
 def _compile_motion() -> None:

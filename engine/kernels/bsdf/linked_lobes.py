@@ -7,11 +7,11 @@ A new one takes a model, its branch in each kernel here, and its node's entry in
 from __future__ import annotations
 
 import threading
-from typing import Any
 
 import numpy as np
 from numba import types
 
+from engine.kernels.addresses import kernel_address
 from engine.kernels.bsdf.ashikhmin_shirley import MIRROR_ALPHA, eval_ashikhmin_shirley, sample_ashikhmin_shirley
 from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.conductor import limited
@@ -249,7 +249,7 @@ def add_linked(closures, tables, lane, view, weight, memory, code, pc):
 
 
 _linking = threading.Lock()
-_linked: dict[int, Any] = {}
+_linked: set[int] = set()
 
 
 def link_used(channel_count: int) -> None:
@@ -268,10 +268,11 @@ def link_lobes(channel_count: int = RGB) -> None:
     """
     with _linking:
         if channel_count not in _linked:
-            _linked[channel_count] = _link(channel_count)
+            _link(channel_count)
+            _linked.add(channel_count)
 
 
-def _link(channel_count: int) -> list[Any]:
+def _link(channel_count: int) -> None:
     rgb = allocate_closures(1)._numba_type_
     closures = allocate_closures(1, channel_count)._numba_type_
     param, channels, tables = closures.field_type("param"), closures.field_type("channels"), load_tables()._numba_type_
@@ -291,13 +292,5 @@ def _link(channel_count: int) -> list[Any]:
             (CHANGE, VECTOR, change_linked, (rgb, tables, integer, integer, VECTOR, integer, number, number)),
             (ADD, integer, add_linked, (rgb, tables, integer, VECTORS, number, memory, code, integer)),
         ]
-    compiled = []
     for word, returned, function, argument_types in wanted:
-        function.dispatcher.compile(argument_types)
-        made = function.dispatcher.overloads[argument_types]
-        # Stages call it as if it returned that.
-        if made.signature.return_type != returned:
-            raise TypeError(f"{function.__name__} returns {made.signature.return_type}, not {returned}")
-        link_kernel(word, made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
-        compiled.append(made)
-    return compiled
+        link_kernel(word, kernel_address(function, returned, *argument_types))

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 from numba import types
 from numba.extending import intrinsic
 
 from engine.array_types import Int64Array
-from engine.kernels.addresses import kernel_call
+from engine.kernels.addresses import kernel_address, kernel_call
 from engine.kernels.lights.portals import portal_pdf, sample_portals
 from engine.runtime.bundle import FieldType
 from engine.runtime.jit import kernel
@@ -77,28 +76,9 @@ def with_portals(lights, p, wi, of_map, pmf):
     return (1.0 - share) * of_map + share * pmf * pdf
 
 
-_linking = threading.Lock()
-_linked: list[Any] = []
-
-
 def link_portals() -> Int64Array:
-    """Load or compile the kernels of portals: `LightArrays.portal_kernels`.
-
-    Raises
-    ------
-    TypeError
-        A kernel returns something else than its callers take.
-    """
+    """Load or compile the kernels of portals: `LightArrays.portal_kernels`."""
     addresses = no_portal_kernels()
-    with _linking:
-        for word, returned, function, argument_types in (
-            (PORTAL_SAMPLE, _SAMPLED, sample_portals, _SAMPLE_TYPES),
-            (PORTAL_PDF, _PDF, portal_pdf, _PDF_TYPES),
-        ):
-            function.dispatcher.compile(argument_types)
-            made = function.dispatcher.overloads[argument_types]
-            if made.signature.return_type != returned:
-                raise TypeError(f"{function.__name__} returns {made.signature.return_type}, not {returned}")
-            addresses[word] = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
-            _linked.append(made)
+    addresses[PORTAL_SAMPLE] = kernel_address(sample_portals, _SAMPLED, *_SAMPLE_TYPES)
+    addresses[PORTAL_PDF] = kernel_address(portal_pdf, _PDF, *_PDF_TYPES)
     return addresses

@@ -11,6 +11,8 @@ nothing for them. A sample is weighed by `portal_pdf` of its direction, as what 
 
 import math
 
+import numpy as np
+
 from engine.kernels.constants import PI
 from engine.kernels.lights.area import SMALLEST_SOLID_ANGLE, rectangle_angles, rectangle_frame, sample_rectangle
 from engine.kernels.lights.mapping import concentric_disk
@@ -54,7 +56,7 @@ def _weight(portals, k, p):
     if not solid_angle > SMALLEST_SOLID_ANGLE:
         squared = dot(offset, offset)
         solid_angle = length_u * length_v * height / (squared * math.sqrt(squared))
-    return solid_angle * (0.25 * PI if portals[k, PORTAL_IS_ROUND] > 0.0 else 0.0 * PI + 1.0)
+    return solid_angle * (0.25 * PI if portals[k, PORTAL_IS_ROUND] > 0.0 else np.float32(1.0))
 
 
 @kernel

@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 from numba import types
 
+from engine.kernels.addresses import kernel_address
 from engine.kernels.bsdf.linked import PATTERNS
 from engine.kernels.bsdf.tables import link_kernel
 from engine.kernels.memory import read3, write3
@@ -51,17 +50,7 @@ def run_pattern_op(code, pc, memory):
     return np.int64(0)
 
 
-_linking = threading.Lock()
-_linked: list[object] = []
-
-
 def link_patterns() -> None:
     """Load or compile the kernel, and have all tables know it."""
-    with _linking:
-        if _linked:
-            return
-        argument_types = (FieldType(types.int32, ()), types.int64, RowsType(types.float32, (), (4,)))
-        run_pattern_op.dispatcher.compile(argument_types)
-        made = run_pattern_op.dispatcher.overloads[argument_types]
-        link_kernel(PATTERNS, made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
-        _linked.append(made)
+    argument_types = (FieldType(types.int32, ()), types.int64, RowsType(types.float32, (), (4,)))
+    link_kernel(PATTERNS, kernel_address(run_pattern_op, types.int64, *argument_types))
