@@ -14,20 +14,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from engine.builder.scene import Scene
-from engine.render.batch import Batch, Statistics
 from engine.render.film import Film
-from engine.render.job import AnyJob
-from engine.render.render_loop import RenderLoop, RenderLoopJob
-from engine.render.report import Progress
+from engine.render.job import AnyJob, Job
 from engine.render.request import RenderRequest
 from engine.render.schedule import Task
 from engine.render.session import Session
 from engine.render.tracer import Tracer
-from engine.scene.description import Notice
 from engine.settings import RenderSettings
+from engine.state.columns import copy_of, rows_of
 from engine.state.film import FilmTile
 from engine.state.unit import BRIDGE, Unit, UnitCosts
 
@@ -70,18 +65,12 @@ class _End:
     then: Callable[[], None] = field(compare=False)
 
 
-class VirtualJob(RenderLoopJob):
-    """One render by threads of which only one is there; methods are as `Job` has them."""
-
-    prepare_seconds = 0.0
-    is_preparing = False
+class VirtualJob(Job):
+    """One render by threads of which only one is there."""
 
     def __init__(self, tracer: Tracer, request: RenderRequest, film: Film, timeline: Timeline) -> None:
-        self.tracer, self.film, self.settings = tracer, film, request.settings
-        self.render_seconds = 0.0
+        super().__init__(tracer, request, film, 1)
         self._timeline = timeline
-        self._loop = RenderLoop(request, film, 1, tracer.follow, tracer.light_clusters)
-        self._batch: Batch | None = None
         self._now = 0.0
         self._ends: list[_End] = []
         self._number = 0
@@ -90,27 +79,10 @@ class VirtualJob(RenderLoopJob):
         #: Of the next iteration, handed out too early: the thread that learns is not there yet.
         self._early: list[Task] = []
 
-    @property
-    def notices(self) -> list[Notice]:
-        """What users should know of how it went."""
-        return self._loop.notices
-
     def start(self) -> None:
         """Load the kernels."""
-        loop = self._loop
-        learner = loop.learner
-        self._batch = self.tracer.make_batches(
-            1, loop.largest * loop.strata, is_guided=self.settings.is_guided, records=learner is not None
-        )[0]
-        if not self.tracer.is_linked(self._batch):
-            if learner is not None:
-                learner.rehearse()
-            self.tracer.warm_up(self._batch)
-        loop.ready()
-        loop.begin()
-
-    def stop(self) -> None:
-        """Nobody stops it."""
+        self._ready()
+        self._loop.begin()
 
     def wait(self, seconds: float) -> bool:
         """Render all of it."""
@@ -125,27 +97,6 @@ class VirtualJob(RenderLoopJob):
             end.then()
         self._timeline.seconds = self._now
         return True
-
-    def join(self) -> None:
-        """Take the time."""
-        self._loop.ended_by = self._loop.ended_by or "SAMPLES"
-        self.render_seconds = self._loop.elapsed
-
-    @property
-    def has_paths(self) -> bool:
-        """Whether there is anything to show."""
-        return self._loop.has_paths
-
-    def statistics(self) -> Statistics:
-        """Sum over threads."""
-        total = Statistics()
-        assert self._batch is not None
-        total.add(self._batch.statistics)
-        return total
-
-    def progress(self) -> Progress:
-        """Where it stands now."""
-        return self._loop.progress(0)
 
     def _next(self) -> Task | None:
         if self._early and not self._is_learning:
@@ -165,18 +116,17 @@ class VirtualJob(RenderLoopJob):
         heapq.heappush(self._ends, _End(self._now + seconds, self._number, then))
 
     def _trace(self, task: Task) -> None:
-        loop, batch = self._loop, self._batch
-        assert batch is not None
+        loop, batch, timeline = self._loop, self._batches[0], self._timeline
         began = time.thread_time()
         unit = loop.unit(task)
-        self.tracer.trace_unit(batch, unit, np.zeros(1, np.int32))
+        self.tracer.trace_unit(batch, unit, self._stop_flag)
         records = batch.take_records() if loop.records(unit.arm) else None
-        rows = len(unit.pixels) * unit.strata
-        sums = FilmTile(*(np.array(column[:rows]) for column in batch.film))
         seconds = time.thread_time() - began
-        self._timeline.tracing += seconds
-        self._timeline.interpreter += max(seconds - batch.unit_costs.seconds, 0.0)
-        self._spend(seconds, lambda: self._finish(task, unit, sums, batch.unit_costs, records))
+        timeline.tracing += seconds
+        timeline.interpreter += max(seconds - batch.unit_costs.seconds, 0.0)
+        # Other units are traced into the same memory before this one is put on the film.
+        sums, costs = copy_of(rows_of(batch.film, 0, len(unit.pixels) * unit.strata)), batch.unit_costs
+        self._spend(seconds, lambda: self._finish(task, unit, sums, costs, records))
 
     def _finish(self, task: Task, unit: Unit, sums: FilmTile, costs: UnitCosts, records: Any) -> None:
         loop, timeline = self._loop, self._timeline
@@ -185,17 +135,19 @@ class VirtualJob(RenderLoopJob):
             loop.keep(task, unit, sums, costs, records)
         with loop.changed:
             is_waiting = loop.finish(task)
-        kept = time.thread_time() - began
-        timeline.interpreter += kept
-        timeline.tracing += kept
-        if is_waiting:
-            began = time.process_time()
-            loop.begin_next(self.statistics())
-            seconds = time.process_time() - began
-            timeline.learning += seconds
-            timeline.learned_count += 1
-            self._is_learning = True
-            self._spend(seconds, self._has_learned)
+        seconds = time.thread_time() - began
+        timeline.interpreter += seconds
+        timeline.tracing += seconds
+        if not is_waiting:
+            self._spend(seconds, lambda: None)
+            return
+        began = time.process_time()
+        loop.begin_next(self.statistics())
+        learning = time.process_time() - began
+        timeline.learning += learning
+        timeline.learned_count += 1
+        self._is_learning = True
+        self._spend(seconds + learning, self._has_learned)
 
     def _has_learned(self) -> None:
         self._is_learning = False

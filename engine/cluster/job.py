@@ -139,11 +139,6 @@ class ClusterJob(RenderLoopJob):
         self.ended_by = self.ended_by or "SAMPLES"
         self.render_seconds = self._loop.elapsed
 
-    @property
-    def has_paths(self) -> bool:
-        """Whether there is anything to show; it may be a part of the image."""
-        return self._loop.has_paths
-
     def statistics(self) -> Statistics:
         """Sum over all ranges on the film."""
         total = Statistics()

@@ -105,11 +105,6 @@ class Job(RenderLoopJob):
         self._created = time.perf_counter()
         self._first_calls = FirstCalls()
 
-    @property
-    def notices(self) -> list[Notice]:
-        """What users should know of how it went."""
-        return self._loop.notices
-
     def start(self) -> None:
         """Begin: one thread readies the kernels on a single path, then all trace."""
         self._futures = [self._pool.submit(self._prepare)]
@@ -145,11 +140,6 @@ class Job(RenderLoopJob):
                 return False
 
     @property
-    def has_paths(self) -> bool:
-        """Whether there is anything to show; it may be a part of the image."""
-        return self._loop.has_paths
-
-    @property
     def is_preparing(self) -> bool:
         """Whether kernels are still being loaded, which cannot be interrupted where one must be compiled."""
         return not self._loop.has_begun
@@ -176,6 +166,15 @@ class Job(RenderLoopJob):
         return self._loop.progress(sum(sum(batch.statistics.rays.values()) for batch in self._batches))
 
     def _prepare(self) -> None:
+        self._ready()
+        self.prepare_seconds = time.perf_counter() - self._created
+        if self._stop:
+            return
+        self._loop.begin()
+        self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
+
+    def _ready(self) -> None:
+        """Have memory for all threads, and kernels."""
         tracer, loop = self.tracer, self._loop
         learner = loop.learner
         self._batches = tracer.make_batches(
@@ -187,11 +186,6 @@ class Job(RenderLoopJob):
                 learner.rehearse()
             tracer.warm_up(self._batches[0])
         loop.ready()
-        self.prepare_seconds = time.perf_counter() - self._created
-        if self._stop:
-            return
-        loop.begin()
-        self._futures += [self._pool.submit(self._work, batch) for batch in self._batches]
 
     def _next_task(self) -> Task | None:
         loop = self._loop
