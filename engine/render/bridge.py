@@ -11,10 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from engine.guiding.policy.trial import ArmSamples
 from engine.render.schedule import PlainSchedule, Task
+from engine.state.columns import copy_of, rows_of
 from engine.state.film import FilmTile
 from engine.state.unit import BRIDGE, CURRENT, Unit
 
@@ -61,13 +60,12 @@ class Bridge:
         self._weight = 1.0
         self._unfinished = 0
         self._held: list[_Held] | None = None
-        self._go_on: Callable[[], None] | None = None
         self._path_count = 0
 
     def begin(self, first: int, count: int, tile_count: int, weight: float) -> None:
         """Hand out so many samples of each tile from sample `first` on, and hold their sums; learning begins."""
         self._tasks, self._end = PlainSchedule(tile_count, first + count, first, count), first + count
-        self._unfinished, self._held, self._go_on = tile_count, [], None
+        self._unfinished, self._held = tile_count, []
         self._weight = weight
 
     def take_path_count(self) -> int:
@@ -81,15 +79,10 @@ class Bridge:
         for one in held:
             self._put(one.units, one.sums, self._weight)
 
-    def then(self, go_on: Callable[[], None]) -> None:
-        """Call `go_on` once all is traced: now, or when the last task is finished."""
-        self._go_on = go_on
-        self._try_going_on()
-
-    def _try_going_on(self) -> None:
-        if self._go_on is not None and not self._unfinished:
-            go_on, self._go_on = self._go_on, None
-            go_on()
+    @property
+    def is_traced(self) -> bool:
+        """Whether nothing of it is left to do."""
+        return not self._unfinished
 
     def keep(self, units: Sequence[Unit], sums: FilmTile) -> None:
         """Take the sums of finished units; rows are of one unit after the other."""
@@ -99,7 +92,7 @@ class Bridge:
             return
         rows = sum(len(unit.pixels) for unit in units)
         # The thread needs its memory for its next unit.
-        self._held.append(_Held(units, FilmTile(*(np.array(column[:rows]) for column in sums))))
+        self._held.append(_Held(units, copy_of(rows_of(sums, 0, rows))))
 
     @property
     def has_task(self) -> bool:
@@ -119,5 +112,4 @@ class Bridge:
     def finish(self, task: Task) -> bool:
         self._tasks.finish(task)
         self._unfinished -= sum(task.arm_samples[:2]) == self._end
-        self._try_going_on()
         return False

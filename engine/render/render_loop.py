@@ -56,6 +56,15 @@ _STEP_GROWTH = 4
 Follow = Callable[[Guidance, int], None]
 
 
+def _put(film: Film, units: Sequence[Unit], sums: FilmTile, weight: float) -> FilmTile:
+    """Put sums of samples on the film that weigh so much; returns them as of the whole of u."""
+    pixels = np.concatenate([unit.film_index for unit in units]) if len(units) > 1 else units[0].film_index
+    if isinstance(film, StrataFilm):
+        return film.merge_stratum(pixels, sums, weight, units[0].stratum)
+    film.merge(pixels, sums, weight)
+    return sums
+
+
 class RenderLoop:
     """One render's loop.
 
@@ -99,10 +108,8 @@ class RenderLoop:
         frame, settings, samples = request.frame, request.settings, request.samples
         self.film, self.settings, self.samples = film, settings, samples
         self._follow = follow
-        self.film_lock = threading.Lock()
-        self.changed = threading.Condition()
-        self.ended_by = ""
-        self.has_image = False
+        self.film_lock, self.changed = threading.Lock(), threading.Condition()
+        self.ended_by, self.has_image = "", False
         self.guidance: Guidance | None = None
         tiles = FrameTiles(frame)
         self.tiles: Sequence[Tile] = tiles
@@ -138,8 +145,12 @@ class RenderLoop:
         else:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
+        #: Whether samples may be left unlearned from: not where what is learned outlives the render.
+        self._bridges = self.strata == 1 and not request.learning.is_for_later
         #: What is traced while the learner learns.
-        self._bridge = Bridge(self._put)
+        self._bridge = Bridge(partial(_put, film))
+        #: What `_begin_iteration` takes, until the bridge to it is traced.
+        self._planned: tuple[tuple[int, int], Sequence[Tile], bool] | None = None
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
         self._learned: Guidance | None = None
         self._rests = LearningRests(pixel_count, request.learning.rules)
@@ -194,6 +205,7 @@ class RenderLoop:
     def finish(self, task: Task) -> bool:
         """Take note of a task that `keep` has taken; True if `begin_next` is to be called: there is no other task."""
         is_waiting = self._schedule.finish(task)
+        self._go_on()
         if not task.is_first or not self._schedule.lacks_first_tasks:
             self.has_image = True
         return is_waiting
@@ -221,7 +233,7 @@ class RenderLoop:
         if unit.arm == BRIDGE:
             self._bridge.keep(units, sums)
             return
-        sums = self._put(units, sums, 1.0 if learner is None else learner.weight(task.weighs_as, unit.arm))
+        sums = _put(self.film, units, sums, 1.0 if learner is None else learner.weight(task.weighs_as, unit.arm))
         if learner is None:
             return
         if len(units) == 1:
@@ -232,14 +244,6 @@ class RenderLoop:
             last = row + len(compared.pixels)
             learner.compare(compared, rows_of(sums, row, last), of_unit_costs)
             row = last
-
-    def _put(self, units: Sequence[Unit], sums: FilmTile, weight: float) -> FilmTile:
-        """Put sums of samples on the film that weigh so much; returns them as of the whole of u."""
-        pixels = np.concatenate([unit.film_index for unit in units]) if len(units) > 1 else units[0].film_index
-        if isinstance(self.film, StrataFilm):
-            return self.film.merge_stratum(pixels, sums, weight, units[0].stratum)
-        self.film.merge(pixels, sums, weight)
-        return sums
 
     @property
     def has_paths(self) -> bool:
@@ -359,40 +363,46 @@ class RenderLoop:
             return
         assert following is not None
         costs, self._before = counted.since(self._before), counted
+        bridge_paths = self._bridge.take_path_count()
         tiles: Sequence[Tile] = self._frame_tiles
         if self._active is not None:
             tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
         learns = not has_rested and (learner.wants_last or not self._time_left.is_short(*following))
         if learns:
-            assert self.guidance is not None
-            bridge_paths = self._bridge.take_path_count()
-            bridged = bridge_samples(learner.arms, learner.other_arms, following[1]) if self.strata == 1 else 0
+            guidance = self.guidance
+            assert guidance is not None
+            bridged = bridge_samples(learner.arms, learner.other_arms, following[1]) if self._bridges else 0
             if bridged:
-                self._begin_bridge(following[0], bridged, tiles)
+                self._follow(guidance.without_records(), BRIDGE)
+                self._begin_bridge(following[0], bridged, tiles, learner.weight(following[0], CURRENT))
                 following = following[0] + bridged, following[1] - bridged
             traced = Traced(
-                units, self.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
+                units, guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
                 costs, following, iterations.is_whole, bridge_paths,
             )
             self._go_by(learner.learn(traced))
             with self.film_lock:
                 self._bridge.let_go()
         with self.changed:
-            self._bridge.then(partial(self._begin_iteration, following, tiles, learns=learns))
+            self._planned = following, tiles, learns
+            self._go_on()
 
-    def _begin_bridge(self, first: int, count: int, tiles: Sequence[Tile]) -> None:
+    def _go_on(self) -> None:
+        """Begin the iteration that is planned, once the bridge to it is traced."""
+        if self._planned is not None and self._bridge.is_traced:
+            planned, self._planned = self._planned, None
+            self._begin_iteration(*planned)
+
+    def _begin_bridge(self, first: int, count: int, tiles: Sequence[Tile], weight: float) -> None:
         """Have the others trace samples by what there is, while the learner learns."""
-        learner, guidance = self.learner, self.guidance
-        assert learner is not None and guidance is not None
-        self._follow(guidance.without_records(), BRIDGE)
         with self.changed:
             self.tiles = tiles
-            self._bridge.begin(first, count, len(tiles), learner.weight(first, CURRENT))
+            self._bridge.begin(first, count, len(tiles), weight)
             self._schedule = self._bridge
             self.changed.notify_all()
 
-    def _begin_iteration(self, following: tuple[int, int], tiles: Sequence[Tile], *, learns: bool) -> None:
+    def _begin_iteration(self, following: tuple[int, int], tiles: Sequence[Tile], learns: bool) -> None:
         """Hand out the next iteration, of these samples, as the learner has planned it."""
         learner, iterations = self.learner, self._iterations
         assert learner is not None and iterations is not None
@@ -416,18 +426,17 @@ class RenderLoop:
         """Parts of the next iteration: as the learner says, or all alike where nothing is to be learned from it."""
         assert self.learner is not None
         rested, self._learned = self._learned, None
-        arms = self.learner.arms
         if rested is not None:
             self._go_by(rested)
-            arms = [ArmSamples(first, count, CURRENT)]
         active, guidance = self._active, self.guidance
         assert guidance is not None
         rests = active is not None and active.has_looked and self._rests.take(active.count, count)
         if rests or self._time_left.is_short(first, count):
             self._learned = guidance
             self._go_by(guidance.without_records())
-            arms = [ArmSamples(first, count, CURRENT)]
-        return arms
+        if rested is None and self._learned is None:
+            return self.learner.arms
+        return [ArmSamples(first, count, CURRENT)]
 
 
 class RenderLoopJob:
@@ -439,6 +448,16 @@ class RenderLoopJob:
     def film_lock(self) -> threading.Lock:
         """For whoever reads the film meanwhile."""
         return self._loop.film_lock
+
+    @property
+    def notices(self) -> list[Notice]:
+        """What users should know of how it went."""
+        return self._loop.notices
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether there is anything to show; it may be a part of the image."""
+        return self._loop.has_paths
 
     @property
     def learner(self) -> Learner | None:

@@ -30,6 +30,11 @@ class LearningRequest:
     keeps: bool = False
     rules: Rules = RULES
 
+    @property
+    def is_for_later(self) -> bool:
+        """Whether records are of use after the render."""
+        return self.keeps or self.sink is not None
+
 
 #: Nothing but what the settings say.
 NOTHING_ASKED = LearningRequest()

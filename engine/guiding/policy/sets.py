@@ -229,7 +229,7 @@ class _Guided:
             weights = TrialWeights(settings, is_cautious=self.cautious is not None, rules=rules)
         else:
             weights = GrowingWeights(settings, 0.0 if self.start is None else self.start.samples, rules)
-        outlives = context.request.keeps or context.request.sink is not None or self.has_cache
+        outlives = context.request.is_for_later or self.has_cache
         evidence = Evidence(
             self.remaining, math.inf if outlives else settings.samples, weights, self.standing,
             NewestVariance(context.pixel_count, rules),

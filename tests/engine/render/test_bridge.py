@@ -8,12 +8,25 @@ from functools import partial
 import numpy as np
 import pytest
 
+from engine.guiding.policy.guidance import Guidance
+from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.trial import ArmSamples
+from engine.guiding.records.cache_records import allocate_cache_records
+from engine.guiding.records.unit_records import UnitRecords
+from engine.guiding.records.vertices import allocate_vertex_records
 from engine.render import bridge as bridges
 from engine.render import render_loop
+from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
-from engine.state.film import allocate_tile
-from engine.state.unit import BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
+from engine.render.film import Film
+from engine.render.render_loop import RenderLoop
+from engine.render.request import RenderRequest
+from engine.render.tiles import TILE_SIZE
+from engine.scene.description import Frame
+from engine.settings import RenderSettings
+from engine.state.columns import rows_of
+from engine.state.film import FilmTile, allocate_tile
+from engine.state.unit import BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit, UnitCosts
 from tests.helpers.seeded_renders import render
 from tests.helpers.small_scenes import corner_scene
 
@@ -32,53 +45,99 @@ def _unit(tile: int) -> Unit:
     return Unit(np.zeros((3, 2), np.int32), np.arange(3 * tile, 3 * tile + 3), 16, 8, arm=BRIDGE)
 
 
-def _sums(value: float):
-    sums = allocate_tile(4, 3)
-    sums.radiance[:] = value
+def _sums(value: float, samples: int = 8) -> FilmTile:
+    sums = allocate_tile(TILE_SIZE**2, 3)
+    sums.radiance[:], sums.count[:] = value, samples
     return sums
 
 
-def test_sums_wait_for_learning_and_what_follows_waits_for_all():
-    """In whatever order learning and the last task end."""
+def test_sums_wait_for_learning():
     put: list[tuple[int, float, float]] = []
 
     def take(units, sums, weight):
         put.append((int(units[0].film_index[0]), float(sums.radiance[0, 0]), weight))
 
-    went_on: list[str] = []
-    go_on = partial(went_on.append, "on")
-    for learning_ends_first in (True, False):
-        put.clear()
-        went_on.clear()
-        bridge = Bridge(take)
-        bridge.begin(16, 8, 2, 0.5)
-        tasks = [bridge.take(), bridge.take()]
-        assert not bridge.has_task
-        assert all(task.arm_samples == ArmSamples(16, 8, BRIDGE) for task in tasks)
-        sums = _sums(1.0)
-        bridge.keep([_unit(0)], sums)
-        # The thread's memory is its next unit's.
-        sums.radiance[:] = 7.0
-        bridge.finish(tasks[0])
-        assert not put
-        if learning_ends_first:
-            bridge.let_go()
-            bridge.then(go_on)
-            assert put == [(0, 1.0, 0.5)] and not went_on
-        bridge.keep([_unit(1)], _sums(2.0))
-        bridge.finish(tasks[1])
-        if not learning_ends_first:
-            assert not put
-            bridge.let_go()
-            bridge.then(go_on)
-        assert put == [(0, 1.0, 0.5), (3, 2.0, 0.5)] and went_on == ["on"]
-        assert bridge.take_path_count() == 2 * 3 * 8 and bridge.take_path_count() == 0
+    bridge = Bridge(take)
+    assert bridge.is_traced
+    bridge.begin(16, 8, 2, 0.5)
+    tasks = [bridge.take(), bridge.take()]
+    assert not bridge.has_task
+    assert all(task.arm_samples == ArmSamples(16, 8, BRIDGE) for task in tasks)
+    sums = _sums(1.0)
+    bridge.keep([_unit(0)], sums)
+    # The thread's memory is its next unit's.
+    sums.radiance[:] = 7.0
+    assert not bridge.finish(tasks[0]) and not bridge.is_traced
+    assert not put
+    bridge.let_go()
+    assert put == [(0, 1.0, 0.5)]
+    bridge.keep([_unit(1)], _sums(2.0))
+    assert not bridge.finish(tasks[1]) and bridge.is_traced
+    assert put == [(0, 1.0, 0.5), (3, 2.0, 0.5)]
+    assert bridge.take_path_count() == 2 * 3 * 8 and bridge.take_path_count() == 0
 
 
-def test_without_a_bridge_what_follows_begins_at_once():
-    went_on: list[str] = []
-    Bridge(lambda *_: None).then(lambda: went_on.append("on"))
-    assert went_on == ["on"]
+def _trace(loop: RenderLoop, value: float) -> bool:
+    """Finish the next task, of whose samples each sum is `value`; whether the loop waits."""
+    task = loop.take()
+    unit = loop.unit(task)
+    sums = _sums(value, unit.sample_count)
+    records = UnitRecords(rows_of(allocate_vertex_records(1, 3), 0, 0), rows_of(allocate_cache_records(1), 0, 0))
+    rows = rows_of(sums, 0, len(unit.pixels))
+    loop.keep(task, unit, rows, UnitCosts(), records if loop.records(unit.arm) else None)
+    # The thread's memory is its next unit's.
+    sums.radiance[:] = -1000.0
+    return loop.finish(task)
+
+
+@pytest.mark.parametrize("learning_ends_first", [True, False])
+def test_the_film_waits_for_learning_and_what_follows_for_all(
+    learning_ends_first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In whatever order learning and the last task end."""
+    frame = Frame(2 * TILE_SIZE, TILE_SIZE, (0, 0, 2 * TILE_SIZE, TILE_SIZE))
+    settings = RenderSettings(samples=64, guiding_method="VMM", guiding_trial=False, deterministic=True)
+    film = Film(frame.width, frame.height)
+    loop = RenderLoop(RenderRequest(frame, settings), film, 1, lambda guidance, arm: None)
+    assert loop.learner is not None
+    loop.ready()
+    seen: list[str] = []
+    learn = loop.learner.learn
+
+    def learn_meanwhile(traced: Traced) -> Guidance:
+        assert traced.next_range == (24, 8)
+        before = film.sums.radiance.copy()
+        for left in (1, 0):
+            if left or not learning_ends_first:
+                assert loop.has_task and not _trace(loop, 100.0)
+                seen.append("bridge")
+        assert loop.has_task is learning_ends_first
+        assert np.array_equal(film.sums.radiance, before)
+        seen.append("learned")
+        return learn(traced)
+
+    while loop.has_task:
+        is_waiting = _trace(loop, 1.0)
+        if is_waiting and max(film.sums.count) == 16:
+            monkeypatch.setattr(loop.learner, "learn", learn_meanwhile)
+            loop.begin_next(Statistics())
+            break
+        if is_waiting:
+            loop.begin_next(Statistics())
+    if learning_ends_first:
+        # What was held is there, and nothing else is handed out than the rest of the bridge.
+        assert (film.sums.count > 16).sum() == TILE_SIZE**2
+        task = loop.take()
+        assert task.arm_samples == ArmSamples(16, 8, BRIDGE)
+        assert not loop.has_task
+        loop.keep(task, loop.unit(task), _sums(100.0), UnitCosts(), None)
+        assert not loop.finish(task)
+        seen.append("bridge")
+    assert seen == (["bridge", "learned", "bridge"] if learning_ends_first else ["bridge", "bridge", "learned"])
+    assert (film.sums.radiance >= 100.0).all()
+    following = loop.take()
+    assert following.arm_samples.first_sample == 24 and following.arm_samples.arm == CURRENT
+    loop.learner.close()
 
 
 @pytest.mark.parametrize(

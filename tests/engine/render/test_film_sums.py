@@ -66,7 +66,7 @@ def test_alike_tasks_at_once_are_what_they_are_one_by_one(strata):
     for at_once in (False, True):
         random = np.random.default_rng(7)
         film = Film(96, 64, LAYOUT) if strata == 1 else StrataFilm(96, 64, strata, LAYOUT)
-        loop = RenderLoop(RenderRequest(frame, settings), film, 1, lambda guidance: None)
+        loop = RenderLoop(RenderRequest(frame, settings), film, 1, lambda guidance, arm: None)
         loop.ready()
         tasks = [loop.take() for _ in loop.tiles]
         assert all(is_alike(task, tasks[0]) for task in tasks)
