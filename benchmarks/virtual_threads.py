@@ -142,7 +142,7 @@ class VirtualJob(Job):
             self._spend(seconds, lambda: None)
             return
         began = time.process_time()
-        loop.begin_next(self.statistics())
+        loop.begin_next(self._statistics_of_iterations())
         learning = time.process_time() - began
         timeline.learning += learning
         timeline.learned_count += 1

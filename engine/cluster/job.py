@@ -61,7 +61,8 @@ class ClusterJob(RenderLoopJob):
         self._pool, self._scene, self._loop = pool, scene, loop
         self._dispatcher = Dispatcher(patience)
         self._cutter = RangeCutter(loop)
-        self._statistics = Statistics()
+        #: Of bridges, and of all else.
+        self._statistics = {is_bridge: Statistics() for is_bridge in (False, True)}
         self._failures: Counter[int] = Counter()
         self._left_out: set[str] = set()
         self._is_stopped = False
@@ -136,13 +137,13 @@ class ClusterJob(RenderLoopJob):
         """Leave what is still out."""
         self._pool.cancel(list(self._dispatcher.tickets))
         self._executor.shutdown(wait=True)
-        self.ended_by = self.ended_by or "SAMPLES"
-        self.render_seconds = self._loop.elapsed
+        self.render_seconds = self._loop.end()
 
     def statistics(self) -> Statistics:
         """Sum over all ranges on the film."""
         total = Statistics()
-        total.add(self._statistics)
+        for counted in self._statistics.values():
+            total.add(counted)
         return total
 
     def progress(self) -> Progress:
@@ -153,7 +154,7 @@ class ClusterJob(RenderLoopJob):
             message = "Waiting for workers"
         elif self._learning is not None:
             message += ", learning"
-        return self._loop.progress(sum(self._statistics.rays.values()), message)
+        return self._loop.progress(sum(self.statistics().rays.values()), message)
 
     # -- the work -----------------------------------------------------------------------------------------------------
 
@@ -202,7 +203,7 @@ class ClusterJob(RenderLoopJob):
 
     def _submit(self, name: str, item: TaskRange) -> None:
         number = self._dispatcher.assign(name, item, self._pool.now)
-        self._pool.hold_learned(*self._learned[item.tasks[0].arm_samples.arm == BRIDGE])
+        self._pool.hold_learned(*self._learned[item.is_bridge])
         self._pool.submit(number, name, pack(self._order(item)))
 
     def _order(self, item: TaskRange) -> Order:
@@ -210,7 +211,7 @@ class ClusterJob(RenderLoopJob):
         indices = tuple(task.tile for task in item.tasks)
         tiles = [loop.tiles[index] for index in indices]
         arm_samples = task.arm_samples
-        is_bridge = arm_samples.arm == BRIDGE
+        is_bridge = item.is_bridge
         weights = self._weights[is_bridge]
         if weights is not None:
             weights = weights[np.concatenate([film_index for _, film_index in tiles])]
@@ -243,7 +244,7 @@ class ClusterJob(RenderLoopJob):
         if self._open.pop(item.number, None) is None:
             return
         if answer.statistics is not None:
-            self._statistics.add(answer.statistics)
+            self._statistics[item.is_bridge].add(answer.statistics)
         is_waiting = self._put_on_film(item, unpack_traced(answer.traced, loop.film.layout))
         # What others have not begun of the same range would come for nothing.
         spare = [
@@ -253,7 +254,9 @@ class ClusterJob(RenderLoopJob):
         ]
         self._give_up(spare, is_failure=False)
         if is_waiting:
-            self._learning = self._executor.submit(loop.begin_next, self.statistics())
+            counted = Statistics()
+            counted.add(self._statistics[False])
+            self._learning = self._executor.submit(loop.begin_next, counted)
 
     def _put_on_film(self, item: TaskRange, traced: TracedTiles) -> bool:
         """Put tasks on the film; True if the loop waits for what follows."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from engine.render.render_loop import RenderLoop
 from engine.render.schedule import Task, is_alike
+from engine.state.unit import BRIDGE
 
 #: Ranges a worker that the tasks of an iteration are divided into.
 RANGES_PER_WORKER = 3
@@ -49,6 +50,11 @@ class TaskRange:
     number: int
     tasks: tuple[Task, ...]
     path_count: int
+
+    @property
+    def is_bridge(self) -> bool:
+        """Whether they bridge a learning (`engine.render.bridge`)."""
+        return self.tasks[0].arm_samples.arm == BRIDGE
 
     def __str__(self) -> str:
         """For messages: which samples."""

@@ -45,7 +45,7 @@ from engine.state.media import allocate_media_lanes
 from engine.state.passed_hits import allocate_passed_hits
 from engine.state.shaders import RayOps, ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
-from engine.state.unit import UnitCosts
+from engine.state.unit import BRIDGE, Unit, UnitCosts
 from engine.state.walks import allocate_walk_lanes
 from engine.wavefront.columns import (
     CACHE_RECORDS,
@@ -231,7 +231,8 @@ class Batch:
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(pixel_count, RGB, layout)
         self.no_weight = np.zeros(pixel_count, np.float32)
-        self.statistics = Statistics()
+        #: Of all arms but BRIDGE, whose units may be traced while the others' counts are read; and of this one.
+        self.statistics, self.bridge_statistics = Statistics(), Statistics()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
         self.unit_costs = UnitCosts()
         self._arm: Arm | None = None
@@ -255,7 +256,7 @@ class Batch:
         self.work.media.collision_share[:] = 1.0
         self._guide = with_field(self._guide, None)
         self._arm = self.guidance = self._model = None
-        self.statistics, self.unit_costs = Statistics(), UnitCosts()
+        self.statistics, self.bridge_statistics, self.unit_costs = Statistics(), Statistics(), UnitCosts()
 
     def _node_rays(self, scene: SceneView) -> NodeRays:
         """What rays of nodes in materials need."""
@@ -332,9 +333,10 @@ class Batch:
         work.samples.guide_pdf[:] = 0.0
         work.samples.bsdf_share[:] = work.samples.weight[:] = 1.0
 
-    def count(self, seconds: float, path_count: int, cost: float) -> None:
-        """Add what the unit counted to the statistics; it took so many seconds, of which `cost` is compared."""
-        statistics, counts, clock = self.statistics, self.work.counts.tolist(), self.work.clock[:-1]
+    def count(self, unit: Unit, seconds: float, cost: float, *, is_finished: bool) -> None:
+        """Add what a unit counted to the statistics; it took so many seconds, of which `cost` is compared."""
+        statistics = self.bridge_statistics if unit.arm == BRIDGE else self.statistics
+        counts, clock = self.work.counts.tolist(), self.work.clock[:-1]
         per_tick = seconds / max(int(clock.sum()), 1)
         self.unit_costs = UnitCosts(
             cost,
@@ -348,7 +350,7 @@ class Batch:
         statistics.rays["closest"] += counts[CLOSEST_RAYS]
         statistics.rays["shadow"] += counts[SHADOW_RAYS]
         statistics.rays["transparent_shadow"] += counts[TRANSPARENT_SHADOW_RAYS]
-        statistics.path_count += path_count
+        statistics.path_count += unit.path_count if is_finished else 0
         statistics.reject_count += counts[REJECTS]
         statistics.record_reject_count += counts[RECORD_REJECTS]
         statistics.record_drop_count += counts[RECORDS_DROPPED]

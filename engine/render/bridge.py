@@ -58,20 +58,14 @@ class Bridge:
         self._tasks = PlainSchedule(0, 0)
         self._end = 0
         self._weight = 1.0
-        self._unfinished = 0
+        self._unfinished: set[int] = set()
         self._held: list[_Held] | None = None
-        self._path_count = 0
 
     def begin(self, first: int, count: int, tile_count: int, weight: float) -> None:
-        """Hand out so many samples of each tile from sample `first` on, and hold their sums; learning begins."""
+        """Hand out so many samples of each tile from sample `first` on, and hold their sums until `let_go`."""
         self._tasks, self._end = PlainSchedule(tile_count, first + count, first, count), first + count
-        self._unfinished, self._held = tile_count, []
+        self._unfinished, self._held = set(range(tile_count)), []
         self._weight = weight
-
-    def take_path_count(self) -> int:
-        """Paths traced since this was last asked."""
-        count, self._path_count = self._path_count, 0
-        return count
 
     def let_go(self) -> None:
         """Learning has read the film: put on it what was held, and what comes from now on at once."""
@@ -84,9 +78,12 @@ class Bridge:
         """Whether nothing of it is left to do."""
         return not self._unfinished
 
+    def has_traced(self, tile: int) -> bool:
+        """Whether nothing of it is left to do in a tile."""
+        return tile not in self._unfinished
+
     def keep(self, units: Sequence[Unit], sums: FilmTile) -> None:
         """Take the sums of finished units; rows are of one unit after the other."""
-        self._path_count += sum(len(unit.pixels) * unit.sample_count for unit in units)
         if self._held is None:
             self._put(units, sums, self._weight)
             return
@@ -111,5 +108,6 @@ class Bridge:
 
     def finish(self, task: Task) -> bool:
         self._tasks.finish(task)
-        self._unfinished -= sum(task.arm_samples[:2]) == self._end
+        if sum(task.arm_samples[:2]) == self._end:
+            self._unfinished.discard(task.tile)
         return False

@@ -147,11 +147,17 @@ class Job(RenderLoopJob):
     def join(self) -> None:
         """Wait for the threads to end; but once stopped, not for one that readies kernels and will notice later."""
         self._pool.shutdown(wait=not (self._stop and self.is_preparing))
-        self._loop.ended_by = self._loop.ended_by or "SAMPLES"
-        self.render_seconds = self._loop.elapsed
+        self.render_seconds = self._loop.end()
 
     def statistics(self) -> Statistics:
         """Sum over threads."""
+        total = self._statistics_of_iterations()
+        for batch in self._batches:
+            total.add(batch.bridge_statistics)
+        return total
+
+    def _statistics_of_iterations(self) -> Statistics:
+        """Without bridges."""
         total = Statistics()
         for batch in self._batches:
             total.add(batch.statistics)
@@ -163,7 +169,8 @@ class Job(RenderLoopJob):
             elapsed = time.perf_counter() - self._created
             message = self._first_calls.message(_PREPARING)
             return Progress(0.0, 0, self._loop.samples, elapsed, None, 0.0, message)
-        return self._loop.progress(sum(sum(batch.statistics.rays.values()) for batch in self._batches))
+        counted = [one for batch in self._batches for one in (batch.statistics, batch.bridge_statistics)]
+        return self._loop.progress(sum(sum(one.rays.values()) for one in counted))
 
     def _prepare(self) -> None:
         self._ready()
@@ -210,7 +217,7 @@ class Job(RenderLoopJob):
                         is_waiting = loop.finish(task)
                     if is_waiting:
                         # One thread only: the others find no task.
-                        loop.begin_next(self.statistics(), is_stopped=self._stop)
+                        loop.begin_next(self._statistics_of_iterations(), is_stopped=self._stop)
                 with loop.changed:
                     self._busy -= 1
                     loop.changed.notify_all()

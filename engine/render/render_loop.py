@@ -9,7 +9,7 @@ from tile by tile.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -25,15 +25,14 @@ from engine.guiding.records.unit_records import UnitRecords
 from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
+from engine.render.bridged import BridgedIterations
 from engine.render.film import Film
 from engine.render.path_progress import PathProgress
+from engine.render.plain_schedules import plain_schedule
 from engine.render.report import Progress
 from engine.render.request import RenderRequest
 from engine.render.schedule import (
-    LARGEST_TASK_SAMPLES,
     Iterations,
-    PacedSchedule,
-    PlainSchedule,
     Schedule,
     Steps,
     Task,
@@ -49,8 +48,6 @@ from engine.state.unit import ALL_STRATA, BRIDGE, CURRENT, PLAIN, Unit, UnitCost
 
 #: With fewer pixels guiding is tried on all of them: a quarter would say too little.
 _LEAST_TRIAL_PIXELS = 1 << 12
-#: Until the first look a step before a time limit has at most so many times the samples so far.
-_STEP_GROWTH = 4
 
 #: See `RenderLoop`.
 Follow = Callable[[Guidance, int], None]
@@ -63,6 +60,17 @@ def _put(film: Film, units: Sequence[Unit], sums: FilmTile, weight: float) -> Fi
         return film.merge_stratum(pixels, sums, weight, units[0].stratum)
     film.merge(pixels, sums, weight)
     return sums
+
+
+def _by_unit(units: Sequence[Unit], sums: FilmTile) -> Iterator[FilmTile]:
+    """Sums of each unit; rows are of one unit after the other."""
+    if len(units) == 1:
+        yield sums
+        return
+    row = 0
+    for unit in units:
+        yield rows_of(sums, row, row + len(unit.pixels))
+        row += len(unit.pixels)
 
 
 class RenderLoop:
@@ -117,38 +125,35 @@ class RenderLoop:
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self.strata > 1 else 0
         #: Which pixels go on, where there is a noise threshold.
-        self._active: ActivePixels | None = None
-        if settings.use_adaptive_sampling:
-            self._active = ActivePixels(settings, film, frame.exposure, tiles)
+        has_threshold = settings.use_adaptive_sampling
+        self._active = ActivePixels(settings, film, frame.exposure, tiles) if has_threshold else None
         self._time_left = TimeLeft(settings.time_limit)
         self._schedule: Schedule
-        self._iterations: Iterations | None = None
+        self._iterations: BridgedIterations | None = None
         self._steps: Steps | None = None
         self.largest, pixel_count = tiles.largest, tiles.pixel_count
-        if not settings.learns_lights:
-            light_clusters = None
         #: All pixels in other units, where guiding can be tried on a part of them.
         self._frame_tiles = tiles
-        self._trial_tiles: TrialTiles | None = None
-        trial_share = 1.0
-        if settings.is_guided and pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1:
-            self._trial_tiles = TrialTiles(frame)
-            trial_share = self._trial_tiles.trial_pixels / pixel_count
+        #: What is traced while the learner learns.
+        self._bridge = Bridge(partial(_put, film))
+        tries_on_part = settings.is_guided and pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1
+        self._trial_tiles = TrialTiles(frame) if tries_on_part else None
+        trial_share = 1.0 if self._trial_tiles is None else self._trial_tiles.trial_pixels / pixel_count
         self.learner: Learner | None = make_learner(
-            settings, thread_count, pixel_count, tiles.largest, request.learning, light_clusters, trial_share,
+            settings, thread_count, pixel_count, tiles.largest, request.learning,
+            light_clusters if settings.learns_lights else None, trial_share,
             has_media=film.layout.has_media and self.strata == 1,
         )
         if self.learner is not None:
             strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
-            self._schedule = self._iterations = Iterations(samples, strata, self._time_left.fit)
+            self._iterations = BridgedIterations(Iterations(samples, strata, self._time_left.fit), self._bridge)
+            self._schedule = self._iterations
             self._iterations.begin(self.learner.arms, len(self.tiles))
         else:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
         #: Whether samples may be left unlearned from: not where what is learned outlives the render.
         self._bridges = self.strata == 1 and not request.learning.is_for_later
-        #: What is traced while the learner learns.
-        self._bridge = Bridge(partial(_put, film))
         #: What `_begin_iteration` takes, until the bridge to it is traced.
         self._planned: tuple[tuple[int, int], Sequence[Tile], bool] | None = None
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.
@@ -196,7 +201,10 @@ class RenderLoop:
 
     def take(self) -> Task:
         """The next task; there must be one."""
-        return self._schedule.take()
+        task = self._schedule.take()
+        if self._is_learning:
+            self._try_bridge()
+        return task
 
     def unit(self, task: Task) -> Unit:
         """What there is to trace."""
@@ -228,22 +236,21 @@ class RenderLoop:
         task, unit, learner = tasks[0], units[0], self.learner
         for index, of_unit in enumerate(records or ()):
             self._units.setdefault(tasks[index].tile, []).append(of_unit)
-        path_count = sum(len(one.pixels) for one in units) * unit.sample_count
-        self._progress.add(path_count, unit.sample_first + unit.sample_count)
+        self._progress.add(sum(one.path_count for one in units), unit.sample_first + unit.sample_count)
         if unit.arm == BRIDGE:
             self._bridge.keep(units, sums)
             return
         sums = _put(self.film, units, sums, 1.0 if learner is None else learner.weight(task.weighs_as, unit.arm))
-        if learner is None:
-            return
-        if len(units) == 1:
-            learner.compare(unit, sums, costs[0])
-            return
-        row = 0
-        for compared, of_unit_costs in zip(units, costs, strict=True):
-            last = row + len(compared.pixels)
-            learner.compare(compared, rows_of(sums, row, last), of_unit_costs)
-            row = last
+        if learner is not None:
+            for one, of_one, its_costs in zip(units, _by_unit(units, sums), costs, strict=True):
+                learner.compare(one, of_one, its_costs)
+
+    def end(self) -> float:
+        """Nobody traces any more: put on the film what a learning that was cut off held. Time since `begin` [s]."""
+        self.ended_by = self.ended_by or "SAMPLES"
+        with self.film_lock:
+            self._bridge.let_go()
+        return self.elapsed
 
     @property
     def has_paths(self) -> bool:
@@ -314,23 +321,10 @@ class RenderLoop:
 
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
-        samples, active, time_left = self.samples, self._active, self._time_left
-        if active is None and time_left.is_limited:
-            self._schedule = PacedSchedule(len(self.tiles), samples, time_left.fit, first, count, self._whole)
-        elif active is None:
-            self._schedule = PlainSchedule(len(self.tiles), samples, first, count, self._whole)
-        else:
-            next_look = active.rule.next_look
-
-            def next_end(begin: int) -> int:
-                wanted = next_look(begin) - begin
-                if time_left.is_limited:
-                    # How long samples take is to be known soon.
-                    wanted = min(wanted, max(_STEP_GROWTH * begin, 1), LARGEST_TASK_SAMPLES)
-                return begin + time_left.fit(wanted, begin)
-
-            self._schedule = self._steps = Steps(samples, next_end, first, count, self._whole)
-            self._steps.begin(len(self.tiles))
+        schedule = plain_schedule(
+            len(self.tiles), self.samples, self._active, self._time_left, first, count, self._whole
+        )
+        self._schedule, self._steps = schedule, schedule if isinstance(schedule, Steps) else None
 
     def _look(self, samples: int) -> bool:
         """Drop the pixels that have converged, if it is time to look; True if there are no others."""
@@ -363,23 +357,20 @@ class RenderLoop:
             return
         assert following is not None
         costs, self._before = counted.since(self._before), counted
-        bridge_paths = self._bridge.take_path_count()
         tiles: Sequence[Tile] = self._frame_tiles
         if self._active is not None:
             tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
         learns = not has_rested and (learner.wants_last or not self._time_left.is_short(*following))
         if learns:
-            guidance = self.guidance
-            assert guidance is not None
-            bridged = bridge_samples(learner.arms, learner.other_arms, following[1]) if self._bridges else 0
-            if bridged:
-                self._follow(guidance.without_records(), BRIDGE)
-                self._begin_bridge(following[0], bridged, tiles, learner.weight(following[0], CURRENT))
-                following = following[0] + bridged, following[1] - bridged
+            assert self.guidance is not None
+            with self.changed:
+                bridged = self._begin_bridge(following, tiles)
+                self.changed.notify_all()
+            following = following[0] + bridged, following[1] - bridged
             traced = Traced(
-                units, guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
-                costs, following, iterations.is_whole, bridge_paths,
+                units, self.guidance.record_threshold / 2**32, self.film.sums, (self.film.height, self.film.width),
+                costs, following, iterations.is_whole,
             )
             self._go_by(learner.learn(traced))
             with self.film_lock:
@@ -388,19 +379,37 @@ class RenderLoop:
             self._planned = following, tiles, learns
             self._go_on()
 
+    def _try_bridge(self) -> None:
+        """Begin the bridge while the iteration's last tasks are out, where nobody looks at the picture in between."""
+        iterations, learner = self._iterations, self.learner
+        assert iterations is not None and learner is not None
+        if self._active is not None or self._learned is not None or not iterations.lacks_bridge:
+            return
+        following = iterations.plan(self.elapsed)
+        if following is not None and (learner.wants_last or not self._time_left.is_short(*following)):
+            self._begin_bridge(following, self._frame_tiles)
+
+    def _begin_bridge(self, following: tuple[int, int], tiles: Sequence[Tile]) -> int:
+        """Hand out the first samples of the iteration that follows, to go by what there is; how many a pixel."""
+        learner, iterations, guidance = self.learner, self._iterations, self.guidance
+        assert learner is not None and iterations is not None and guidance is not None
+        if iterations.bridged is None:
+            first, count = following
+            iterations.bridged = bridge_samples(learner.arms, learner.other_arms, count) if self._bridges else 0
+            if iterations.bridged:
+                self._follow(guidance.without_records(), BRIDGE)
+                self.tiles = tiles
+                iterations.begin_bridge(first, len(tiles), learner.weight(first, CURRENT))
+        return iterations.bridged
+
     def _go_on(self) -> None:
-        """Begin the iteration that is planned, once the bridge to it is traced."""
-        if self._planned is not None and self._bridge.is_traced:
+        """Begin the iteration that is planned: tile by tile where it has the bridge's, else once all that is traced."""
+        if self._planned is None:
+            return
+        assert self.learner is not None
+        if self._bridge.is_traced or not (self.learner.is_over or self.learner.other_arms):
             planned, self._planned = self._planned, None
             self._begin_iteration(*planned)
-
-    def _begin_bridge(self, first: int, count: int, tiles: Sequence[Tile], weight: float) -> None:
-        """Have the others trace samples by what there is, while the learner learns."""
-        with self.changed:
-            self.tiles = tiles
-            self._bridge.begin(first, count, len(tiles), weight)
-            self._schedule = self._bridge
-            self.changed.notify_all()
 
     def _begin_iteration(self, following: tuple[int, int], tiles: Sequence[Tile], learns: bool) -> None:
         """Hand out the next iteration, of these samples, as the learner has planned it."""
@@ -411,7 +420,6 @@ class RenderLoop:
             self.tiles = tiles
             self._go_on_plainly(following[0], task_samples(following[0]))
             return
-        self._schedule = iterations
         arms = self._arms_of(*following)
         other_arms: Sequence[ArmSamples] = ()
         first_other = 0

@@ -310,7 +310,7 @@ class Iterations:
             for length in iteration_lengths(samples):
                 self._ranges.append((first, length))
                 first += length
-        self._step = -1
+        self._step = self._planned = -1
         self._unfinished = 0
         self._arms: list[ArmSamples] = []
         #: Of the tiles from some index on, where these are divided otherwise.
@@ -330,13 +330,17 @@ class Iterations:
         return self._stratum
 
     def plan(self, seconds: float) -> tuple[int, int] | None:
-        """Go on to the next iteration, which `begin` begins: its first sample and samples a pixel; None: there is none.
+        """The iteration that `begin` begins next: its first sample and samples a pixel; None: there is none.
+
+        Asked again before that, it says the same.
 
         Parameters
         ----------
         seconds : float
             Time since the beginning.
         """
+        if self._planned > self._step:
+            return self._ranges[self._planned]
         if self._strata is not None:
             first = sum(self._ranges[-1]) if self._ranges else 0
             following = self._strata.next(first, seconds)
@@ -345,13 +349,13 @@ class Iterations:
                 self._ranges.append((first, count))
         if self._step + 1 >= len(self._ranges):
             return None
-        self._step += 1
-        first, wanted = self._ranges[self._step]
+        self._planned = step = self._step + 1
+        first, wanted = self._ranges[step]
         if self._pace is not None and self._strata is None:
             count = self._pace(wanted, first)
             if count < wanted:
-                self._ranges[self._step : self._step + 1] = [(first, count), (first + count, wanted - count)]
-        return self._ranges[self._step]
+                self._ranges[step : step + 1] = [(first, count), (first + count, wanted - count)]
+        return self._ranges[step]
 
     def begin(
         self, arms: Sequence[ArmSamples], tile_count: int, other_arms: Sequence[ArmSamples] = (), first_other: int = 0
@@ -360,6 +364,7 @@ class Iterations:
 
         Tiles from `first_other` on are divided as `other_arms` says, if there are any.
         """
+        self._step = self._planned
         self._arms, self._other_arms = _in_tasks(arms), _in_tasks(other_arms)
         self._first_other = first_other if self._other_arms else tile_count
         self._unfinished = tile_count
@@ -369,6 +374,16 @@ class Iterations:
     def next_sample(self) -> int:
         """Samples a pixel by the end of the iteration."""
         return sum(self._ranges[self._step])
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all of the iteration that began last is finished."""
+        return not self._unfinished
+
+    @property
+    def next_tile(self) -> int:
+        """Of the task that is handed out next; there must be one."""
+        return self._waiting[0][0]
 
     @property
     def has_task(self) -> bool:

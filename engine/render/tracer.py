@@ -435,7 +435,7 @@ class Tracer:
         seconds = time.perf_counter() - started
         # Who answers elsewhere does so in threads of its own.
         cost = seconds if ask is not None else _UNIT_CLOCK() - cost_from
-        batch.count(seconds, len(unit.pixels) * unit.sample_count if is_finished else 0, cost)
+        batch.count(unit, seconds, cost, is_finished=bool(is_finished))
         return bool(is_finished)
 
     def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
@@ -450,7 +450,7 @@ class Tracer:
         header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
         header[UNIT_SEED] = self.seed
         header[UNIT_SAMPLE_FIRST] = unit.sample_first
-        header[UNIT_PATH_COUNT] = len(unit.pixels) * unit.sample_count
+        header[UNIT_PATH_COUNT] = unit.path_count
         header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
         header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
         header[UNIT_GUIDES_MEDIA] = (

@@ -38,6 +38,11 @@ class Unit:
     #: Whether guiding is tried in the iteration, but on none of these pixels.
     is_aside: bool = False
 
+    @property
+    def path_count(self) -> int:
+        """Paths that it takes."""
+        return len(self.pixels) * self.sample_count
+
 
 @dataclass(frozen=True)
 class UnitCosts:

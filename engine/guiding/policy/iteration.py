@@ -24,10 +24,9 @@ class Traced:
     recorded_share : float, of the guided paths that were recorded
     sums : FilmTile, the image so far
     size : (int, int), rows and columns of the image
-    costs : IterationCosts
+    costs : IterationCosts, without the bridge's (`engine.render.bridge`)
     next_range : (int, int), first sample and samples a pixel of the next iteration
     is_whole : bool, whether the next iteration's samples lie in all of u, not in a stratum
-    bridge_paths : int, of those in `costs`: traced while the iteration before was learned from, and never recorded
     """
 
     units: Sequence[UnitRecords]
@@ -37,12 +36,6 @@ class Traced:
     costs: IterationCosts
     next_range: tuple[int, int]
     is_whole: bool = True
-    bridge_paths: int = 0
-
-    @property
-    def own_share(self) -> float:
-        """Of the paths in `costs`, those that are the iteration's own."""
-        return 1.0 - self.bridge_paths / max(self.costs.path_count, 1)
 
 
 @dataclass(frozen=True)
@@ -116,13 +109,13 @@ class Iteration:
     @property
     def path_count(self) -> float:
         """Recorded paths."""
-        share = self.guided_share * self.pixel_share * self.traced.own_share
+        share = self.guided_share * self.pixel_share
         return self.traced.recorded_share * share * self.costs.path_count
 
     @property
     def seconds(self) -> float:
         """What tracing its guided part took, of all threads together [s]."""
-        return self.guided_share * self.traced.own_share * sum(self.costs.stage_seconds.values())
+        return self.guided_share * sum(self.costs.stage_seconds.values())
 
 
 def guided_share(arms: Sequence[ArmSamples]) -> float:

@@ -256,7 +256,7 @@ class GuidingTrial:
     def add_unit(self, unit: Unit, film: FilmTile, cost: float, is_challenger: bool) -> None:
         """Take a finished unit's sums and its cost, in any unit; no two threads at once."""
         self.add(unit.film_index, film.radiance, film.square, unit.sample_count, is_challenger)
-        self.add_cost(cost, len(unit.pixels) * unit.sample_count, is_challenger)
+        self.add_cost(cost, unit.path_count, is_challenger)
 
     def add(
         self, pixels: np.ndarray, radiance: np.ndarray, square: np.ndarray, sample_count: int, is_challenger: bool

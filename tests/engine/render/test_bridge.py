@@ -18,9 +18,11 @@ from engine.render import bridge as bridges
 from engine.render import render_loop
 from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
+from engine.render.bridged import BridgedIterations
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop
 from engine.render.request import RenderRequest
+from engine.render.schedule import Iterations, Task
 from engine.render.tiles import TILE_SIZE
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
@@ -74,7 +76,6 @@ def test_sums_wait_for_learning():
     bridge.keep([_unit(1)], _sums(2.0))
     assert not bridge.finish(tasks[1]) and bridge.is_traced
     assert put == [(0, 1.0, 0.5), (3, 2.0, 0.5)]
-    assert bridge.take_path_count() == 2 * 3 * 8 and bridge.take_path_count() == 0
 
 
 def _trace(loop: RenderLoop, value: float) -> bool:
@@ -124,20 +125,87 @@ def test_the_film_waits_for_learning_and_what_follows_for_all(
             break
         if is_waiting:
             loop.begin_next(Statistics())
+    followed = []
     if learning_ends_first:
-        # What was held is there, and nothing else is handed out than the rest of the bridge.
+        # What was held is there. The rest of the bridge comes first, and a tile goes on where it has its own.
         assert (film.sums.count > 16).sum() == TILE_SIZE**2
         task = loop.take()
         assert task.arm_samples == ArmSamples(16, 8, BRIDGE)
-        assert not loop.has_task
+        followed.append(loop.take())
+        assert followed[0].tile != task.tile and not loop.has_task
         loop.keep(task, loop.unit(task), _sums(100.0), UnitCosts(), None)
         assert not loop.finish(task)
         seen.append("bridge")
     assert seen == (["bridge", "learned", "bridge"] if learning_ends_first else ["bridge", "bridge", "learned"])
     assert (film.sums.radiance >= 100.0).all()
-    following = loop.take()
-    assert following.arm_samples.first_sample == 24 and following.arm_samples.arm == CURRENT
+    while len(followed) < 2:
+        followed.append(loop.take())
+    assert {task.tile for task in followed} == {0, 1}
+    assert all(task.arm_samples.first_sample == 24 and task.arm_samples.arm == CURRENT for task in followed)
     loop.learner.close()
+
+
+def test_the_bridge_begins_while_the_last_tasks_are_out_and_ends_on_the_film_whatever_is_cut_off() -> None:
+    frame = Frame(2 * TILE_SIZE, TILE_SIZE, (0, 0, 2 * TILE_SIZE, TILE_SIZE))
+    settings = RenderSettings(samples=64, guiding_method="VMM", guiding_trial=False, deterministic=True)
+    film = Film(frame.width, frame.height)
+    loop = RenderLoop(RenderRequest(frame, settings), film, 1, lambda guidance, arm: None)
+    assert loop.learner is not None
+    loop.ready()
+    while min(film.sums.count) < 14:
+        if _trace(loop, 1.0):
+            loop.begin_next(Statistics())
+    last = [loop.take(), loop.take()]
+    assert [task.arm_samples for task in last] == [ArmSamples(14, 2, CURRENT)] * 2
+    # Nobody waits for these two.
+    task = loop.take()
+    assert task.arm_samples == ArmSamples(16, 8, BRIDGE)
+    loop.keep(task, loop.unit(task), _sums(100.0), UnitCosts(), None)
+    assert not loop.finish(task)
+    assert max(film.sums.count) == 14
+    loop.end()
+    assert max(film.sums.count) == 22 and film.sums.radiance.max() >= 100.0
+    loop.learner.close()
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_tiles_get_their_samples_in_order_whoever_is_slow(workers: int) -> None:
+    """Threads end in any order; each iteration is learned from while others are on the bridge."""
+    rng, tile_count, samples = np.random.default_rng(workers), 12, 63
+    bridge = Bridge(lambda units, sums, weight: None)
+    iterations = BridgedIterations(Iterations(samples), bridge)
+    iterations.begin([ArmSamples(0, 1, CURRENT)], tile_count)
+    done = dict.fromkeys(range(tile_count), 0)
+    out: list[Task] = []
+    learning: tuple[int, int] | None = None
+    bridges, early = 0, 0
+    while iterations.has_task or out or learning:
+        while iterations.has_task and len(out) < workers:
+            task = iterations.take()
+            # All before are there, but for bridges, which may come before the last tasks of the iteration before.
+            assert done[task.tile] >= task.arm_samples.first_sample or task.arm_samples.arm == BRIDGE
+            out.append(task)
+            following = iterations.plan(0.0) if iterations.lacks_bridge else None
+            if following is not None:
+                iterations.bridged = following[1] // 2
+                if iterations.bridged:
+                    iterations.begin_bridge(following[0], tile_count, 1.0)
+                    bridges += 1
+        if learning is not None and (not out or rng.random() < 0.2):
+            first, count = learning
+            learning = None
+            iterations.begin([ArmSamples(first, count, CURRENT)], tile_count)
+            continue
+        task = out.pop(rng.integers(len(out)))
+        early += task.arm_samples.arm == BRIDGE and any(one.arm_samples.arm == CURRENT for one in out)
+        done[task.tile] += task.arm_samples.sample_count
+        if iterations.finish(task):
+            following = iterations.plan(0.0)
+            if following is not None:
+                bridged = iterations.bridged or 0
+                learning = following[0] + bridged, following[1] - bridged
+    assert set(done.values()) == {samples} and bridges == 6
+    assert (early > 0) is (workers > 1)
 
 
 @pytest.mark.parametrize(

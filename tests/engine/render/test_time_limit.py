@@ -124,5 +124,11 @@ def test_a_pass_that_may_be_cut_off_begins_when_all_tiles_are_there():
 def test_an_iteration_that_does_not_fit_is_continued_by_the_next():
     lengths = iter([3, 4, 2, 2, 4])
     iterations = Iterations(32, pace=lambda wanted, first: min(next(lengths), wanted) if first else wanted)
-    planned = [(0, 1), *(iterations.plan(0.0) for _ in range(5))]
+    iterations.begin([], 0)
+    planned = [(0, 1)]
+    for _ in range(5):
+        planned.append(iterations.plan(0.0))
+        # Asked again, it says the same.
+        assert iterations.plan(0.0) == planned[-1]
+        iterations.begin([], 0)
     assert planned == [(0, 1), (1, 3), (4, 4), (8, 2), (10, 2), (12, 4)]
