@@ -16,6 +16,8 @@ from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.small_scenes import corner_scene, floor_scene, material, sun
 from tests.helpers.subsurface_scenes import below, box_scene
 
+pytestmark = pytest.mark.estimator
+
 PASSES = ("Combined", "Emission", "Environment", *LIGHT_PASSES)
 
 

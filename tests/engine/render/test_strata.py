@@ -27,6 +27,8 @@ from tests.helpers.small_scenes import emitter_scene
 from tests.helpers.training import require_torch
 from tests.helpers.untrained_networks import Untrained
 
+pytestmark = pytest.mark.estimator
+
 PROGRESSIVE = {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "guiding_trial": False}
 
 
