@@ -130,7 +130,7 @@ SETTINGS = [
     {},
     {"use_nee": False},
     {"clamp_direct": 0.2, "clamp_indirect": 0.05},
-    {"spectral": "ON"},
+    pytest.param({"spectral": "ON"}, marks=pytest.mark.slow),  # compiles stages for wavelengths
     {"guiding_method": "VMM", "samples": 24, "guiding_trial": False},
     {"guiding_method": "TABLE_RIS", "samples": 24, "guiding_trial": False, "candidate_allocation": "FIXED"},
 ]
