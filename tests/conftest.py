@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import pytest
 
 from tests.helpers.allowed_skips import is_allowed
+from tests.helpers.late_workers import wait_for_a_core
 
 # Kernels are those of the sources that are tested, compiled here: a library that lies in the checkout is left alone.
 os.environ.setdefault("NEURALGUIDE_KERNEL_LIBRARIES", "")
@@ -30,6 +31,12 @@ def pytest_collection_finish() -> None:
 
     if origins:
         raise pytest.UsageError("a kernel was called while tests were collected: call it in a test, or in a fixture")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol() -> None:
+    """In CI some workers wait until other tests leave them a core."""
+    wait_for_a_core()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -141,3 +141,12 @@ def test_tests_and_benchmarks_touch_nothing_private() -> None:
         if touched not in OF_OTHERS.get(name, ())
     ]
     assert found == []
+
+
+def test_both_pythons_compile_kernels_by_the_same_numba() -> None:
+    """Else what the Makefile says of tests of the estimator is no reason to leave them out on Python 3.13."""
+    of_311, of_313 = (
+        {line for line in (ROOT / f"requirements-{version}.lock").read_text().splitlines() if line.startswith(names)}
+        for version in ("3.11", "3.13") for names in [("numba==", "llvmlite==")]
+    )  # fmt: skip
+    assert of_311 == of_313 and len(of_311) == 2

@@ -76,10 +76,10 @@ def pit_scene(size=(32, 32)):
     return floor_scene(lights=[sun()], materials=white, transforms=[np.eye(4), *walls], size=size)
 
 
-def emitter_scene():
+def emitter_scene(size=(16, 12)):
     """A floor lit by an emissive square that turns and flies by, and changes its shape."""
     glow = material("Glow", (4.0, 3.0, 2.0), "ShaderNodeEmission")
-    description = floor_scene(size=(16, 12), materials=[material(), glow])
+    description = floor_scene(size=size, materials=[material(), glow])
     square = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
     mesh = replace(description.meshes[0], key="glow", name="Glow", vertices=square)
     mesh.motion_vertices = np.stack([square, square, 1.5 * square])

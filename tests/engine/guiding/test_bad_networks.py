@@ -16,6 +16,8 @@ from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 from tests.helpers.untrained_networks import BadNetwork, ask, guess
 
+pytestmark = pytest.mark.estimator
+
 SEEDS = 6
 #: Most variance over that of source sampling, which `VMM` is; medians over seeds, since a single bright sample doubles
 #: that of a render (inverted: 1.08 to 1.29 in sixteen others, 1.15 on average).

@@ -27,6 +27,8 @@ from engine.settings import MAX_CANDIDATES, RenderSettings
 from tests.helpers.seeded_renders import SEEDS, Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
 
+pytestmark = pytest.mark.estimator
+
 METHODS = ("VMM", "VMM_RIS", "TABLE_RIS")
 
 

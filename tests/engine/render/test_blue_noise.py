@@ -12,6 +12,8 @@ from tests.helpers.light_probe import lamp
 from tests.helpers.seeded_renders import render_seeds
 from tests.helpers.small_scenes import corner_scene
 
+pytestmark = pytest.mark.estimator
+
 SEEDS = 24
 
 

@@ -17,6 +17,8 @@ from tests.helpers.light_probe import lamp
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 
+pytestmark = pytest.mark.estimator
+
 SEEDS = 8
 #: Limits that take a third of the light.
 CLAMPED = {"samples": 63, "max_bounces": 12, "diffuse_bounces": 12, "clamp_indirect": 0.1, "clamp_direct": 0.3}

@@ -10,6 +10,8 @@ from tests.helpers.media_renders import picture
 from tests.helpers.media_scenes import media_scene, medium, placed
 from tests.helpers.small_scenes import material
 
+pytestmark = pytest.mark.estimator
+
 SKY, RED = (0.5, 0.5, 0.5), (1.0, 0.0, 0.0)
 
 

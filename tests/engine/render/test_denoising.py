@@ -47,10 +47,10 @@ def test_only_what_was_asked_for_comes_back():
 
 
 @needs_library
-@pytest.mark.parametrize(
-    "settings",
-    [{"radiance_cache": "CONVERGING", "samples": 16}, {"spectral": "ON"}, {"guiding_method": "VMM", "samples": 16}],
-)
+@pytest.mark.parametrize("settings", [
+    {"radiance_cache": "CONVERGING", "samples": 16}, {"guiding_method": "VMM", "samples": 16},
+    pytest.param({"spectral": "ON"}, marks=pytest.mark.slow),  # compiles stages for wavelengths
+])  # fmt: skip
 def test_every_kind_of_render_can_be_denoised(settings):
     result = render(corner_scene(), **settings)
     noisy, denoised = (result.passes[name][..., :3] for name in ("Noisy Image", "Combined"))

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from engine.render.session import Session
 from engine.scene.description import Link, Material, Mesh, Node, NodeGraph, World
@@ -13,6 +14,8 @@ from engine.scene.dicing import Dicing
 from engine.scene.instances import plain_instances
 from engine.settings import RenderSettings
 from tests.helpers.small_scenes import floor_scene, looking_down
+
+pytestmark = pytest.mark.estimator
 
 
 def octahedron() -> Mesh:

@@ -19,6 +19,8 @@ from tests.helpers.media_renders import is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, varying
 from tests.helpers.untrained_networks import Untrained
 
+pytestmark = pytest.mark.estimator
+
 #: Enough for the furnace: what is left of paths beyond is next to nothing.
 BOUNCES = {"volume_bounces": 64, "max_bounces": 64}
 

@@ -14,6 +14,8 @@ from tests.helpers.light_probe import lamp
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene
 
+pytestmark = pytest.mark.estimator
+
 SEEDS, SAMPLES = 6, 31
 
 

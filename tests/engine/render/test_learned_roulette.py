@@ -12,6 +12,8 @@ from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT, render, trial_rules, z_score
 from tests.helpers.small_scenes import floor_scene, material, pit_scene
 
+pytestmark = pytest.mark.estimator
+
 #: Of a scene in which light that has met five surfaces still counts.
 PIT = {"scene": pit_scene, "samples": 63, "max_bounces": 12, "diffuse_bounces": 12}
 SEEDS = 6

@@ -16,6 +16,8 @@ from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.small_scenes import corner_scene, floor_scene, material, sun
 from tests.helpers.subsurface_scenes import below, box_scene
 
+pytestmark = pytest.mark.estimator
+
 PASSES = ("Combined", "Emission", "Environment", *LIGHT_PASSES)
 
 
@@ -128,7 +130,7 @@ SETTINGS = [
     {},
     {"use_nee": False},
     {"clamp_direct": 0.2, "clamp_indirect": 0.05},
-    {"spectral": "ON"},
+    pytest.param({"spectral": "ON"}, marks=pytest.mark.slow),  # compiles stages for wavelengths
     {"guiding_method": "VMM", "samples": 24, "guiding_trial": False},
     {"guiding_method": "TABLE_RIS", "samples": 24, "guiding_trial": False, "candidate_allocation": "FIXED"},
 ]

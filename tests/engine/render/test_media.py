@@ -18,6 +18,8 @@ from tests.helpers.light_sums import sum_of_passes
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, put_into_ball, varying, volume_graph
 
+pytestmark = pytest.mark.estimator
+
 GLASS = "ShaderNodeBsdfRefraction"
 
 

@@ -2,12 +2,15 @@
 """Passes of surfaces that are seen through media, against Beer's law."""
 
 import numpy as np
+import pytest
 
 from engine.render.session import Session
 from engine.scene.description import World
 from engine.settings import RenderSettings
 from tests.helpers.media_scenes import media_scene, medium, placed, volume_graph
 from tests.helpers.small_scenes import floor_scene, material
+
+pytestmark = pytest.mark.estimator
 
 #: Of the medium, for each channel [m^-1].
 EXTINCTION = 0.02 * (1.0 - np.array([0.0, 0.5, 0.9]))

@@ -14,6 +14,8 @@ from engine.scene.description import World
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, floor_scene, material, pit_scene
 
+pytestmark = pytest.mark.estimator
+
 #: Of a scene in which paths are long; limits that they often meet would keep them from ending.
 ENDLESS = {"scene": pit_scene, "samples": 63, "max_bounces": 96, "diffuse_bounces": 96}
 SEEDS = 4

@@ -11,6 +11,8 @@ from engine.settings import RenderSettings
 from engine.state.film import CAUGHT_ALONE, CAUGHT_COUNT, CAUGHT_LIGHT, CAUGHT_WIDTH
 from tests.helpers.small_scenes import floor_scene, sun
 
+pytestmark = pytest.mark.estimator
+
 #: A sheet of 2 x 2 m over the middle of the floor, above the camera: its shadow is seen and it is not.
 _SHEET = np.diag([0.02, 0.02, 1.0, 1.0]).astype(np.float32)
 _SHEET[2, 3] = 12.0

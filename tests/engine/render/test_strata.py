@@ -27,6 +27,8 @@ from tests.helpers.small_scenes import emitter_scene
 from tests.helpers.training import require_torch
 from tests.helpers.untrained_networks import Untrained
 
+pytestmark = pytest.mark.estimator
+
 PROGRESSIVE = {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "guiding_trial": False}
 
 
@@ -157,9 +159,15 @@ def test_strata_without_samples_are_left_out():
 # Renders
 
 
+#: Of renders that end at once each costs what it takes to begin one: their pictures are larger, and fewer.
+SMALL, LARGE = (16, 12), (64, 48)
+
+
 @cache
-def reference():
-    return render_seeds(emitter_scene(), range(10, 14), samples=512)
+def reference(size=SMALL):
+    """As many samples whatever the size."""
+    pixels = np.prod(size) // np.prod(SMALL)
+    return render_seeds(emitter_scene(size), range(10, 14), samples=512 // pixels)
 
 
 @pytest.fixture
@@ -182,12 +190,12 @@ def test_the_image_is_whole_however_it_ends(end, untrained, monkeypatch):
     monkeypatch.setattr(
         StrataSchedule, "next", lambda self, sample, seconds: following(self, sample, seconds) if sample < end else None
     )
-    # The picture has four blocks: of two pictures too little is known about the noise.
-    seeds = range(max(4, 600 // end))
-    images = render_seeds(emitter_scene(), seeds, **PROGRESSIVE, strata=8, samples=512)
+    # A small picture has four blocks: of two pictures too little is known about the noise.
+    size, seeds = (LARGE, range(max(8, 40 // end))) if end < 8 else (SMALL, range(max(4, 600 // end)))
+    images = render_seeds(emitter_scene(size), seeds, **PROGRESSIVE, strata=8, samples=512)
     if end < 8:
         images = [np.mean(images[k::8], axis=0) for k in range(8)]
-    bias = find_bias(images, reference())
+    bias = find_bias(images, reference(size))
     assert not bias.is_biased and bias.detectable < 0.06, bias
 
 

@@ -15,6 +15,8 @@ from engine.scene.description import Light, Link, Material, Node, NodeGraph
 from tests.helpers.media_renders import SIGMAS, is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import box_of_voxels, let_voxels_move, media_scene, medium, placed, varying
 
+pytestmark = pytest.mark.estimator
+
 COLOR = np.array([0.5, 0.2, 0.8])
 
 

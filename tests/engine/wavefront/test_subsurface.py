@@ -18,6 +18,8 @@ from tests.helpers.placed_quads import steps, turned
 from tests.helpers.small_scenes import material
 from tests.helpers.subsurface_scenes import below, box_scene
 
+pytestmark = pytest.mark.estimator
+
 METHODS = ("RANDOM_WALK", "RANDOM_WALK_LEGACY", "RANDOM_WALK_SKIN")
 
 

@@ -14,6 +14,8 @@ from engine.settings import RenderSettings
 from tests.helpers.placed_quads import at
 from tests.helpers.small_scenes import floor_scene, material, sun
 
+pytestmark = pytest.mark.estimator
+
 THROUGH = 0.97
 
 
