@@ -16,14 +16,12 @@ from benchmarks.scenes.studio import (
     box,
     camera,
     diffuse,
-    light,
     lit_stage,
     material,
     quad,
     resolution,
     show,
     sphere,
-    stage,
     world,
 )
 
@@ -155,27 +153,6 @@ def low_poly() -> None:
     add_object("A", sphere("A", diffuse((0.7, 0.6, 0.5)), 0.8, 10, 6), (-0.9, 0, 0.8))
     shiny = material("shiny", lambda nodes: nodes("BsdfAnisotropic", {"distribution": "GGX"}, Roughness=0.1))
     add_object("B", sphere("B", shiny, 0.8, 10, 6), (0.9, 0, 0.8))
-
-
-@scene("terminator-shading", samples=64)
-def terminator_shading() -> None:
-    """Shading offsets of 0.3 and 1 on coarse balls, diffuse, glossy, waxen and mirrors, by a sun and a lamp."""
-    stage()
-    world((0.1, 0.11, 0.12))
-    light("SUN", 3.0, (-3.0, -0.5, 2.0), angle=0.05)
-    light("POINT", 100.0, (2.5, -2.0, 3.0), shadow_soft_size=0.3)
-    bpy.context.scene.cycles.caustics_reflective = False
-    surfaces = {
-        "diffuse": lambda nodes: nodes("BsdfDiffuse", Color=(0.7, 0.6, 0.5)),
-        "shiny": lambda nodes: nodes("BsdfAnisotropic", {"distribution": "GGX"}, Roughness=0.4),
-        "mirror": lambda nodes: nodes("BsdfAnisotropic", {"distribution": "GGX"}, Roughness=0.0),
-        "wax": lambda nodes: nodes("SubsurfaceScattering", Color=(0.7, 0.5, 0.4), Scale=0.1),
-    }
-    for column, (name, surface) in enumerate(surfaces.items()):
-        for row, offset in enumerate((0.3, 1.0)):
-            ball = sphere(name, material(name, surface), 0.4, 10, 6)
-            placed = add_object(f"{name} {offset}", ball, (column - 1.5, 0.8 * row - 0.5, 0.4 + 0.5 * row))
-            placed.shadow_terminator_shading_offset = offset
 
 
 @scene("low-poly-glass", samples=128, note=ROUGH_REFRACTION)
