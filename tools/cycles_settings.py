@@ -151,8 +151,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "Object", "object.cycles",
         (
             *_rows("works", "use_motion_blur use_deform_motion motion_steps"),
-            *_rows("works", "shadow_terminator_geometry_offset"),
-            *_rows("said", "shadow_terminator_offset", "as if it were 0, its default"),
+            *_rows("works", "shadow_terminator_geometry_offset shadow_terminator_offset"),
             *_rows("works", "use_camera_cull use_distance_cull"),
             *_rows("no", "ao_distance", "belongs to Fast GI Approximation"),
             *_rows("no", "is_caustics_caster is_caustics_receiver", "caustics are found by paths"),

@@ -94,6 +94,8 @@ class Appearance:
     is_holdout: bool
     #: Shadow Terminator Geometry Offset.
     terminator_offset: float
+    #: Shadow Terminator Shading Offset.
+    shading_offset: float
     is_instance: bool
     #: Index into the view layer's light groups, -1 = none.
     light_group: int
@@ -294,6 +296,9 @@ def _describe(
             is_holdout=is_holdout,
             terminator_offset=context.finite(
                 read_setting(shown, "shadow_terminator_geometry_offset"), 0.0, shown.name, "Geometry Offset"
+            ),
+            shading_offset=context.finite(
+                read_setting(shown, "shadow_terminator_shading_offset"), 0.0, shown.name, "Shading Offset"
             ),
             is_instance=item.is_instance,
             light_group=_light_group(context, shown, parent),

@@ -289,6 +289,7 @@ def _export_instances(
         dupli_generated=appearances.generated[chosen],
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
+        shading_offset=column([kind.shading_offset for kind in kinds], np.float32),
         medium_density=_medium_density(kinds, kind_of, transform),
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,

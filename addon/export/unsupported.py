@@ -48,8 +48,6 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
         if cycles_property(shown.data, "is_caustics_light", False):
             context.notice(shown.name, "shadow caustics are not supported", "caustics as paths happen to find them")
         return
-    if read_setting(shown, "shadow_terminator_shading_offset") > 0.0:
-        context.notice(shown.name, "a shading offset of the shadow terminator is not supported", "no offset")
     if context.window is not None and _is_culled(context.scene, shown):
         context.notice(shown.name, "culling in viewports is not supported", "it is always there")
     modifier = diced_modifier(context.scene, shown.original, in_window=context.window is not None)

@@ -40,6 +40,7 @@ from benchmarks.scenes import (
     skies,
     spectral,
     subsurface,
+    terminators,
     textures,
     wax,
 )
@@ -50,5 +51,5 @@ __all__ = [
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
     "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
     "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies",
-    "spectral", "subsurface", "textures", "wax",
+    "spectral", "subsurface", "terminators", "textures", "wax",
 ]  # fmt: skip

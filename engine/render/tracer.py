@@ -30,6 +30,7 @@ from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
+from engine.state.geometry import VALUE_SHADING_OFFSET
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import (
     HEADER_EMITTERS,
@@ -65,6 +66,7 @@ from engine.wavefront.columns import (
     SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
     SCENE_MASK_HANDLE,
+    SCENE_SHIFTS_SHADING,
     SCENE_TRANSPARENT_HANDLE,
     SCENE_WORLD_GROUP,
     SCENE_WORLD_IS_CONSTANT,
@@ -164,14 +166,14 @@ class Tracer:
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.layout = layout
         self._traces = scene.traces
-        header = scene.lights.header
+        lights, header = scene.lights, scene.lights.header
         has_suns = header[HEADER_LAST_DISTANT] > header[HEADER_FIRST_DISTANT]
         self.mode = MODE_CLOSURES | (0 if settings.use_caustics_reflective else MODE_NO_REFLECTIVE_CAUSTICS)
         self.mode |= 0 if settings.use_caustics_refractive else MODE_NO_REFRACTIVE_CAUSTICS
         world = scene.world_program
         facts = scene.shaders.programs[world, PROGRAM_FLAGS]
         world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
-        description = scene.description
+        description, geometry = scene.description, scene.geometry
         options = make_options(settings, description.frame.exposure, description.passes.occlusion_distance)
         numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
         numbers[SCENE_HANDLE], numbers[SCENE_MASK_HANDLE] = scene.accelerator.handle, scene.accelerator.mask_handle
@@ -183,18 +185,17 @@ class Tracer:
         numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
         numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
         numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
-        numbers[SCENE_IS_SPECTRAL] = channel_count > RGB
-        numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(scene.lights.links.hidden) > 0
-        numbers[SCENE_HAS_VARYING_LAMPS] = len(scene.lights.varying) > 0
+        numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(lights.links.hidden) > 0
+        numbers[SCENE_IS_SPECTRAL], numbers[SCENE_HAS_VARYING_LAMPS] = channel_count > RGB, len(lights.varying) > 0
         numbers[SCENE_HAS_SUBSURFACE], numbers[SCENE_HAS_PORTALS] = scene.has_subsurface, scene.has_portals
         numbers[SCENE_HAS_MEDIA] = scene.media.is_used
         numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
-        numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (scene.geometry.grids.velocity >= 0).any()
-        numbers[SCENE_HAS_ROUNDS] = len(scene.geometry.radii) > 0
-        numbers[SCENE_HAS_BOUNDARIES] = scene.media.has_inside.any()
+        numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (geometry.grids.velocity >= 0).any()
+        numbers[SCENE_HAS_ROUNDS], numbers[SCENE_HAS_BOUNDARIES] = len(geometry.radii) > 0, scene.media.has_inside.any()
+        numbers[SCENE_SHIFTS_SHADING] = (geometry.instance_values[:, VALUE_SHADING_OFFSET] > 0.0).any()
         self.view = SceneView(
             numbers, _with_clearance(scene), scene.camera.motion, scene.camera.shutter, scene.camera.filter,
-            tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
+            tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), geometry,
             scene.shaders, scene.tables, scene.lights, scene.media.arrays, build_data_view(scene, layout.data.options),
             scene.local_scenes.handles, options,
         )
@@ -378,8 +379,7 @@ class Tracer:
         unit = Unit(np.array([pixel], np.int32), np.zeros(1, np.int32), 0, path_count, arm=CURRENT)
         stages, view, unit_view, guidance, _, b, _ = self._arguments(self.stages, batch, unit, np.zeros(1, np.int32))
         batch.begin()
-        # Nothing of these paths is recorded.
-        unit_view.header[UNIT_RECORD_THRESHOLD] = 0
+        unit_view.header[UNIT_RECORD_THRESHOLD] = 0  # Nothing of these paths is recorded.
         pinhole = view.camera.copy()
         pinhole[CAMERA_LENS_RADIUS] = 0.0
         scene = view._replace(camera=pinhole, pixel_filter=np.zeros_like(view.pixel_filter))
@@ -394,6 +394,8 @@ class Tracer:
             view.shaders, view.geometry, view.tables, b.points, b.shaded, b.surface.lanes, surface_count, b.registers,
             self.mode,
         )
+        if view.header[SCENE_SHIFTS_SHADING]:
+            stages.shift_terminator(scene, unit_view, b, b.surface)
         if view.header[SCENE_IS_SPECTRAL]:
             stages.upsample_closures(scene, unit_view, b, b.surface)
         if unit_view.header[UNIT_IS_GUIDED]:

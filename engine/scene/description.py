@@ -225,6 +225,9 @@ class Instances:
     #: (N,) cosine below which shadow rays start off a smooth surface (Blender's Shadow Terminator Geometry Offset),
     #: 0 = never; None = 0 for all.
     terminator_offset: Float32Array | None = None
+    #: (N,) in [0, 1]: how far light that comes in flat is taken away (Blender's Shadow Terminator Shading Offset);
+    #: None = 0 for all.
+    shading_offset: Float32Array | None = None
     #: By index, for instances that move while the shutter is open: object to world at evenly spaced times from its
     #: opening to its closing, float32 (S, 4, 4), two or more. `transform` is that at the middle.
     motion: dict[int, Float32Array] = field(default_factory=dict)

@@ -33,7 +33,9 @@ VALUE_UV = 8
 VALUE_TERMINATOR = 10
 #: Factor on the density of media inside that vary.
 VALUE_DENSITY = 11
-VALUE_WIDTH = 12
+#: Shadow Terminator Shading Offset in [0, 1], 0 = none.
+VALUE_SHADING_OFFSET = 12
+VALUE_WIDTH = 13
 
 #: Vertices of this instance's mesh are stored in world space (its only user): hits need no transform.
 INSTANCE_FLAG_BAKED = 1

@@ -28,7 +28,8 @@ SCENE_HAS_SUBSURFACE = 17  # light that goes in below surfaces
 SCENE_HAS_HIDDEN_LAMPS = 18  # scattered rays find lamps through what casts no shadow in their light
 SCENE_HAS_VARYING_LAMPS = 19  # programs tell what lamps emit that rays may meet
 SCENE_HAS_PORTALS = 20  # surfaces behind which rays go on elsewhere
-SCENE_HEADER_WIDTH = 21
+SCENE_SHIFTS_SHADING = 21  # objects with a Shadow Terminator Shading Offset
+SCENE_HEADER_WIDTH = 22
 
 # UnitView.header
 UNIT_SEED = 0

@@ -37,6 +37,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_LAMPS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
+    SCENE_SHIFTS_SHADING,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_CATCHES,
     UNIT_SPLITS_LIGHT,
@@ -75,6 +76,7 @@ from engine.wavefront.scatter_collisions import prepare_collisions, scatter_coll
 from engine.wavefront.shade_background import fill_background, prepare_background, shade_background
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
+from engine.wavefront.shift_terminator import shift_terminator
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.track_media import begin_tracking, find_collisions, meet_media
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
@@ -252,6 +254,7 @@ _STAGES = (
         takes=_shading,
     ),
     Stage(leave_subsurface, "evaluate_shaders", _SUBSURFACE),
+    Stage(shift_terminator, "evaluate_shaders", _scene(SCENE_SHIFTS_SHADING)),
     Stage(
         upsample_emission, "upsample shade_lights catch_shadows shade_background", _SPECTRAL,
         lambda loop: (loop.scene, loop.work, loop.work.points, loop.work.closures, loop.work.active),

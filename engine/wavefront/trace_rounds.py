@@ -25,6 +25,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_LAMPS,
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
+    SCENE_SHIFTS_SHADING,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_ASKS_MODEL,
     UNIT_CATCHES,
@@ -249,6 +250,8 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     _evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
     if scene.header[SCENE_HAS_SUBSURFACE] != 0:
         stages.leave_subsurface(scene, unit, work, work.surface)
+    if scene.header[SCENE_SHIFTS_SHADING] != 0:
+        stages.shift_terminator(scene, unit, work, work.surface)
     mark(clock, CLOCK.evaluate_shaders)
     if is_spectral:
         stages.upsample_emission(scene, work, work.points, work.closures, work.surface)

@@ -419,6 +419,7 @@ def test_a_lamp_whose_size_is_no_number_is_named_and_left_out(
     ("mist", "start", "World Sky: Start of the mist"), ("mist", "depth", "World Sky: Depth of the mist"),
     ("layer", "pass_alpha_threshold", "View layer ViewLayer: Alpha Threshold"),
     ("cube", "shadow_terminator_geometry_offset", "Cube: Geometry Offset"),
+    ("cube", "shadow_terminator_shading_offset", "Cube: Shading Offset"),
 ])  # fmt: skip
 def test_what_few_pictures_depend_on_is_named_and_replaced(
     cube_scene: Any, render: Render, owner: str, name: str, said_of_it: str

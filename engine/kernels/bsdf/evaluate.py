@@ -38,7 +38,7 @@ from engine.kernels.bsdf.kinds import (
 from engine.kernels.bsdf.linked import albedo_linked, eval_linked, is_linked, linked_label, sample_linked
 from engine.kernels.bsdf.lobes import eval_lobe, hair_albedo, hair_roughness, sample_hair, sample_lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_microfacet
-from engine.kernels.bsdf.normals import bump_shadowing
+from engine.kernels.bsdf.normals import shift_shading, terminator_factor
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.constants import INV_PI, ONE_MINUS_EPSILON
 from engine.kernels.vector import dot, negate
@@ -100,7 +100,7 @@ def eval_lobe_of(kinds, param, channels, lane, i, wo, wi, visibility, sampled, o
     n = read3(param, lane, i, CLOSURE_N)
     factor = 1.0
     if param[lane, i, BUMP] != 0.0:
-        factor = bump_shadowing(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
+        factor = terminator_factor(param, lane, i, n, wi, kind <= LAST_DIFFUSE, i == sampled)
     if not is_visible(kind, visibility):
         factor = 0.0
     if is_linked(kind):
@@ -198,11 +198,14 @@ def _pass_through(closures, lane, i, kind, pmf, out, row):
 
 
 @kernel
-def _write_delta(param, channels, lane, i, kind, blend, is_refracted, out, row):
+def _write_delta(param, channels, lane, i, kind, cosine, blend, is_refracted, out, row):
     """Write the value of a delta lobe; that of a linked one is there, without weight and energy scale."""
+    scale = param[lane, i, ENERGY_SCALE]
+    if param[lane, i, BUMP] != 0.0:
+        scale *= shift_shading(param[lane, i, BUMP], cosine)
     for c in range(len(channels)):
         color = out[row, c] if is_linked(kind) else lobe_color(param, lane, i, kind, blend, is_refracted, c)
-        out[row, c] = param[lane, i, CLOSURE_WEIGHT + c] * param[lane, i, ENERGY_SCALE] * color
+        out[row, c] = param[lane, i, CLOSURE_WEIGHT + c] * scale * color
 
 
 @kernel
@@ -280,7 +283,7 @@ def sample_lobes(closures, lane, wo, ng, choice, u0, u1, u2, out, row):
     if pmf <= 0.0 or (dot(ng, wi) < 0.0) != is_refracted:
         return 0.0, wi, label, roughness, eta
     if is_delta:
-        _write_delta(param, channels, lane, chosen, kind, blend, is_refracted, out, row)
+        _write_delta(param, channels, lane, chosen, kind, dot(n, wi), blend, is_refracted, out, row)
         if len(channels) > RGB and closures.flags[lane] & CLOSURE_DISPERSES != 0:
             pmf = delta_channels(closures, lane, chosen, wo, sample_weight / weight_sum, pmf, is_refracted, out, row)
         return pmf, wi, label | RAY_SINGULAR, roughness, eta

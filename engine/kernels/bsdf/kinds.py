@@ -91,7 +91,8 @@ HAS_TRANSPARENT = 8
 
 # Columns of Closures.param. The first cache line ends at column 15.
 #: Smooth shading normal of a bumped closure, and whether there is one: 0 no (SMOOTH_N is not set), 1 yes, 2 yes but the
-#: material turned bump correction off.
+#: material turned bump correction off. The fraction is half the object's Shadow Terminator Shading Offset: to lobes
+#: without either, which nearly all are, both cost one comparison.
 BUMP = CLOSURE_KIND_PARAMS
 SMOOTH_N = CLOSURE_WIDTH - 3
 

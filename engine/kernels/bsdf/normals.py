@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What keeps bumped normals plausible: repair of the normal of specular lobes, softening of the terminator."""
+"""What keeps bumped normals plausible: repair of the normal of specular lobes, softening of the terminator.
+
+And what takes the terminator of smooth normals away from where triangles show (Shadow Terminator Shading Offset).
+"""
 
 import math
 
@@ -77,7 +80,7 @@ def bump_shadowing(param, lane, i, n, wi, is_diffuse, is_sampled):
     cos_d = dot(ns, n)
     if cos_i * cos_d * dot(n, wi) < 0.0 and (is_diffuse or not is_sampled):
         return 0.0
-    if not is_diffuse or param[lane, i, BUMP] == 2.0:
+    if not is_diffuse or param[lane, i, BUMP] >= 2.0:
         return 1.0
     cos_i *= cos_i
     cos_d *= cos_d
@@ -87,3 +90,32 @@ def bump_shadowing(param, lane, i, n, wi, is_diffuse, is_sampled):
         return 0.0
     alpha_squared = min(0.125 * (1.0 / cos_d - 1.0), 1.0)
     return 2.0 / (1.0 + math.sqrt(1.0 + alpha_squared * (1.0 / cos_i - 1.0)))
+
+
+@kernel
+def shift_shading(bump, cosine):
+    """Factor in [0, 1] on what a lobe sends towards light that meets its normal at `cosine`.
+
+    The angle of incidence counts as larger, so that the terminator lies where triangles do not show yet. As Cycles'
+    `shift_cos_in`: cos(theta / (1 - offset / 2)) over cos(theta). What goes through the surface is as it was.
+
+    Parameters
+    ----------
+    bump : float32
+        Column BUMP of the lobe.
+    """
+    half_offset = bump - math.floor(bump)
+    if half_offset == 0.0 or cosine <= 0.0:
+        return 1.0
+    cosine = min(cosine, 1.0)
+    return max(math.cos(math.acos(cosine) / (1.0 - half_offset)), 0.0) / cosine
+
+
+@kernel
+def terminator_factor(param, lane, i, n, wi, is_diffuse, is_sampled):
+    """Factor in [0, 1] on a lobe whose column BUMP is not 0: `bump_shadowing` and `shift_shading`."""
+    bump = param[lane, i, BUMP]
+    factor = shift_shading(bump, dot(n, wi))
+    if bump >= 1.0:
+        factor *= bump_shadowing(param, lane, i, n, wi, is_diffuse, is_sampled)
+    return factor

@@ -454,12 +454,12 @@ def test_object_values(scene: Any) -> None:
     square.pass_index = 7
     square.color = (0.1, 0.2, 0.3, 0.4)
     square.is_shadow_catcher = True
-    square.shadow_terminator_geometry_offset = 0.25
+    square.shadow_terminator_geometry_offset, square.shadow_terminator_shading_offset = 0.25, 0.75
     square.scale, square.location = (2.0, -1.0, 3.0), (1.0, 2.0, 3.0)
     description = export()
     instances = description.instances
     assert list(instances.pass_index) == [7]
-    np.testing.assert_allclose(instances.terminator_offset, [0.25])
+    np.testing.assert_allclose((instances.terminator_offset, instances.shading_offset), [[0.25], [0.75]])
     np.testing.assert_allclose(instances.color, [(0.1, 0.2, 0.3, 0.4)], rtol=1e-6)
     np.testing.assert_allclose(
         instances.transform[0], [[2, 0, 0, 1], [0, -1, 0, 2], [0, 0, 3, 3], [0, 0, 0, 1]], atol=1e-6

@@ -54,7 +54,6 @@ def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
 
 CASES = {
     "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
-    "terminator": (switch("plane", "shadow_terminator_shading_offset", 0.3), "Plane", "shadow terminator"),
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
 }  # fmt: skip

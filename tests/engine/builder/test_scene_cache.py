@@ -152,7 +152,7 @@ def _original() -> SceneDescription:
     instances = plain_instances(transforms, meshes=[0, 0, 1, 2, 3, 0], name="Thing")
     instances.materials = np.array([0, 2, 1, 2, 3, 3, 0, 0], np.int32)
     instances.material_offset = np.array([0, 0, 2, 2, 6, 4], np.int32)
-    instances.terminator_offset = np.full(6, 0.1, np.float32)
+    instances.terminator_offset, instances.shading_offset = np.full((2, 6), 0.1, np.float32)
     instances.light_group = np.full(6, -1, np.int32)
     instances.properties = {"object:dirt": np.linspace(0.0, 0.5, 24, dtype=np.float32).reshape(6, 4)}
     instances.is_shadow_catcher = np.zeros(6, np.bool_)
@@ -427,8 +427,7 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.transform": [_edit("instances.transform", _with_entry(k, _at(0.5, 0.5, 0.5))) for k in (0, 2, 5)]
                            + [_edit("instances.transform", _with_entry(0, 0.0))],
     "Instances.material_offset": [_edit("instances.material_offset", _with_entry(0, 2))],
-    "Instances.materials": [_edit("instances.materials", _with_entry(0, -1)),
-                            _edit("instances.materials", _with_entry(0, 3))],
+    "Instances.materials": [_edit("instances.materials", _with_entry(0, row)) for row in (-1, 3)],
     "Instances.visibility": [_edit("instances.visibility", _with_entry(0, VISIBLE_CAMERA)),
                              _edit("instances.visibility", _with_entry(2, 0))],
     "Instances.pass_index": [_edit("instances.pass_index", _with_entry(0, 2))],
@@ -440,6 +439,7 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.dupli_uv": [_edit("instances.dupli_uv", _with_entry(5, 0.4))],
     "Instances.terminator_offset": [_set("instances.terminator_offset", None),
                                     _edit("instances.terminator_offset", _with_entry(0, 0.5))],
+    "Instances.shading_offset": [_edit("instances.shading_offset", _with_entry(0, 0.5))],
     "Instances.light_group": [_edit("instances.light_group", _with_entry(0, 0))],
     "Instances.medium_density": [_set("instances.medium_density", np.full(6, 0.5, np.float32))],
     "Instances.is_shadow_catcher": [_edit("instances.is_shadow_catcher", _with_entry(0, True))],

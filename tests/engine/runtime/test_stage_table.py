@@ -35,8 +35,10 @@ _OF_MEDIA = {
 }  # fmt: skip
 _OF_SUBSURFACE = {"walk_subsurface", "leave_subsurface"}
 _OF_CURVES = {"prepare_rounds", "prepare_passed_rounds"}
+#: And of shading offsets, which that scene has too.
 _OF_LINKS = {
     "meet_hidden_lamps", "leave_hidden_lamps", "meet_varying_lamps", "keep_varying_lamps", "add_varying_lamps",
+    "shift_terminator",
 }  # fmt: skip
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
@@ -253,6 +255,8 @@ def test_the_main_loop_passes_what_its_stages_take(
     has_catchers = cache == "OFF"  # for with them there is no cache
     description.instances.is_shadow_catcher = np.full(len(description.instances.mesh), has_catchers)
     description.passes = PassSettings(aovs=(Aov("Value", False),))
+    offset = 0.5 if has_links else 0.0
+    description.instances.shading_offset = np.full(len(description.instances.mesh), offset, np.float32)
     session.load(description)
     # A pass of each kind: they have stages of their own.
     session.render(passes=("Combined", "Normal", "Mist", "Denoising Albedo", "Glossy Color", "Ambient Occlusion"))
