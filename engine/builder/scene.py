@@ -18,6 +18,7 @@ from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
+from engine.builder.coincident import find_coincident
 from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map, without_discs
@@ -51,6 +52,8 @@ from engine.spectral.wavelengths import WAVELENGTH_COUNT
 from engine.state.camera import CameraArrays
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
+    INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAG_IN_PLACE,
     INSTANCE_FLAGS,
     INSTANCE_KEY_COUNT,
     INSTANCE_MATERIAL_OFFSET,
@@ -119,6 +122,9 @@ class SceneCache:
         self.displacements = KeptDisplacements()
         self.placed_meshes = Versions()
         self.same_place: Kept[SamePlace] = Kept()
+        self.coincident: Kept[np.ndarray] = Kept()
+        #: What was found last, of whatever there was: mostly that is found again.
+        self.latest_coincident = np.zeros(0, np.bool_)
         self.marked_geometry: Kept[GeometryArrays] = Kept()
         self.boundaries: Kept[dict[int, float]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
@@ -190,12 +196,6 @@ def _find_same_place(cache: SceneCache, description: SceneDescription, geometry:
     )
 
 
-def _mark(cache: SceneCache, same_place: SamePlace, geometry: GeometryArrays) -> GeometryArrays:
-    """The geometry with the instances marked on which rays start and end in place."""
-    key = cache.geometry.geometry.version, cache.same_place.version
-    return cache.marked_geometry.get(key, lambda: same_place.mark(geometry))
-
-
 def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
     """The hierarchies at hand where they are of the same shapes in the same places."""
     if cache.hierarchies is None or cache.hierarchies.threads != threads:
@@ -203,6 +203,9 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
         cache.accelerator.drop()
     hierarchies, keys = cache.hierarchies, cache.mesh_keys
     columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
+    # Where rays start in place decides only whether an instance is flattened.
+    flags = columns[:, _ACCELERATOR_COLUMNS.index(INSTANCE_FLAGS)]
+    flags[flags & INSTANCE_FLAG_BAKED != 0] &= ~INSTANCE_FLAG_IN_PLACE
     placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
     if not cache.has_moved:
         hierarchies.standing.drop()
@@ -214,6 +217,34 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     )
     hierarchies.keep_only(keys)
     return accelerator
+
+
+def _build_traced(
+    cache: SceneCache, same_place: SamePlace, unmarked: GeometryArrays, masks: np.ndarray, threads: int,
+    check_cancel: Callable[[], None],
+) -> tuple[GeometryArrays, Accelerator]:
+    """The hierarchies, and the geometry with the instances marked on which rays start and end in place.
+
+    Coincident faces are found by rays through the hierarchies. These are built once more where they were guessed wrong
+    and decide which instances are flattened.
+    """
+    version, table = (cache.geometry.geometry.version, cache.same_place.version), unmarked.instance_table
+
+    def build(coincident: np.ndarray) -> tuple[GeometryArrays, Accelerator]:
+        marked = cache.marked_geometry.get(
+            (version, coincident.tobytes()), lambda: same_place.mark(unmarked, coincident)
+        )
+        return marked, _build_accelerator(cache.geometry, marked, masks, threads)
+
+    guess = cache.latest_coincident
+    if len(guess) != len(table):
+        guess = np.zeros(len(table), np.bool_)
+    marked, accelerator = build(guess)
+    found = cache.coincident.get(
+        (version, masks.tobytes()), lambda: find_coincident(marked, accelerator, check_cancel) & ~same_place.is_clear
+    )
+    cache.latest_coincident = found
+    return (marked, accelerator) if np.array_equal(found, guess) else build(found)
 
 
 def _have_flag(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays, flags: int) -> np.ndarray:
@@ -413,12 +444,11 @@ def build_scene(
     link_used(WAVELENGTH_COUNT if settings.spectral == "ON" or description.has_dispersion else RGB)
     displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
     apart = _draw_apart(cache, displaced)
-    unmarked = build_geometry(
+    geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
-    same_place = _find_same_place(cache, description, unmarked)
+    same_place = _find_same_place(cache, description, geometry)
     notices += same_place.notices
-    geometry = _mark(cache, same_place, unmarked)
     check_cancel()
     media, shaders = _build_media(cache, apart, programs, geometry, tables), programs.arrays
     if not keeps_meshes:
@@ -429,7 +459,7 @@ def build_scene(
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)
-        accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
+        geometry, accelerator = _build_traced(cache, same_place, geometry, masks, threads, check_cancel)
         environment = begun.result()
     check_cancel()
     info = programs.program_info()
