@@ -18,7 +18,6 @@ from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
-from engine.builder.coincident import find_coincident
 from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map, without_discs
@@ -26,6 +25,7 @@ from engine.builder.geometry import GeometryCache, build_geometry
 from engine.builder.lamps import places_of_flat
 from engine.builder.lights import build_lights
 from engine.builder.majorants import KeptBounds
+from engine.builder.marked_geometry import MarkedGeometry
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.builder.same_place import SamePlace, find_same_place
@@ -122,10 +122,7 @@ class SceneCache:
         self.displacements = KeptDisplacements()
         self.placed_meshes = Versions()
         self.same_place: Kept[SamePlace] = Kept()
-        self.coincident: Kept[np.ndarray] = Kept()
-        #: What was found last, of whatever there was: mostly that is found again.
-        self.latest_coincident = np.zeros(0, np.bool_)
-        self.marked_geometry: Kept[GeometryArrays] = Kept()
+        self.marked_geometry = MarkedGeometry()
         self.boundaries: Kept[dict[int, float]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
         self.local_scenes: Kept[LocalScenes] = Kept()
@@ -217,34 +214,6 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     )
     hierarchies.keep_only(keys)
     return accelerator
-
-
-def _build_traced(
-    cache: SceneCache, same_place: SamePlace, unmarked: GeometryArrays, masks: np.ndarray, threads: int,
-    check_cancel: Callable[[], None],
-) -> tuple[GeometryArrays, Accelerator]:
-    """The hierarchies, and the geometry with the instances marked on which rays start and end in place.
-
-    Coincident faces are found by rays through the hierarchies. These are built once more where they were guessed wrong
-    and decide which instances are flattened.
-    """
-    version, table = (cache.geometry.geometry.version, cache.same_place.version), unmarked.instance_table
-
-    def build(coincident: np.ndarray) -> tuple[GeometryArrays, Accelerator]:
-        marked = cache.marked_geometry.get(
-            (version, coincident.tobytes()), lambda: same_place.mark(unmarked, coincident)
-        )
-        return marked, _build_accelerator(cache.geometry, marked, masks, threads)
-
-    guess = cache.latest_coincident
-    if len(guess) != len(table):
-        guess = np.zeros(len(table), np.bool_)
-    marked, accelerator = build(guess)
-    found = cache.coincident.get(
-        (version, masks.tobytes()), lambda: find_coincident(marked, accelerator, check_cancel) & ~same_place.is_clear
-    )
-    cache.latest_coincident = found
-    return (marked, accelerator) if np.array_equal(found, guess) else build(found)
 
 
 def _have_flag(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays, flags: int) -> np.ndarray:
@@ -459,7 +428,10 @@ def build_scene(
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)
-        geometry, accelerator = _build_traced(cache, same_place, geometry, masks, threads, check_cancel)
+        geometry, accelerator = cache.marked_geometry.build(
+            (cache.geometry.geometry.version, cache.same_place.version), same_place, geometry, masks,
+            lambda marked: _build_accelerator(cache.geometry, marked, masks, threads), check_cancel,
+        )
         environment = begun.result()
     check_cancel()
     info = programs.program_info()

@@ -35,29 +35,6 @@ def test_square_becomes_two_flat_triangles(scene: Any) -> None:
     np.testing.assert_allclose(mesh.texture_space, [(0.5, 0.5, 0.0), (0.5, 0.5, 1.0)])
 
 
-@pytest.mark.parametrize("use_motion_blur", [False, True])
-def test_what_is_edited_is_seen_as_in_object_mode(scene: Any, use_motion_blur: bool) -> None:
-    """Files saved in Edit Mode, and viewports while one works: Blender's evaluated datablock is empty then."""
-    import bpy
-
-    square = add_square()
-    square.modifiers.new("Array", "ARRAY").count = 3
-    scene.render.use_motion_blur = use_motion_blur
-    before = export().meshes[0]
-    bpy.context.view_layer.objects.active = square
-    bpy.ops.object.mode_set(mode="EDIT")
-    try:
-        description = export()
-    finally:
-        bpy.ops.object.mode_set(mode="OBJECT")
-    mesh = description.meshes[0]
-    np.testing.assert_array_equal(mesh.vertices, before.vertices)
-    np.testing.assert_array_equal(mesh.triangles, before.triangles)
-    assert len(mesh.triangles) == 6
-    said = [notice.problem for notice in description.notices]
-    assert said == (["it is in Edit Mode"] if use_motion_blur else [])
-
-
 def test_smooth_faces_carry_split_normals(scene: Any) -> None:
     roof = add_mesh([(0, 0, 0), (1, 0, 1), (1, 1, 1), (0, 1, 0), (2, 0, 0), (2, 1, 0)], [(0, 1, 2, 3), (1, 4, 5, 2)])
     roof.data.shade_smooth() if hasattr(roof.data, "shade_smooth") else roof.data.polygons.foreach_set(
