@@ -45,6 +45,8 @@ def export_mesh(
         Names of the mesh's vertex groups, which only an object that has the mesh knows.
     """
     read = partial(_read_mesh, context, mesh, request, vertex_groups)
+    if mesh.is_editmode:
+        read = partial(_read_edited, context, owner, request, vertex_groups)
     return export_kept(context, owner, mesh.name_full, request, read)
 
 
@@ -122,6 +124,17 @@ def _same_bits(a: np.ndarray | None, b: np.ndarray | None) -> bool:
 
 def _is_untouched(context: ExportContext, original: bpy.types.Object) -> bool:
     return context.is_untouched(original) and (original.data is None or context.is_untouched(original.data))
+
+
+def _read_edited(
+    context: ExportContext, owner: bpy.types.Object, request: AttributeRequest, vertex_groups: tuple[str, ...]
+) -> Mesh | None:
+    """The mesh of an object in Edit Mode: the evaluated datablock is empty, only a copy has what is edited."""
+    mesh = owner.to_mesh(preserve_all_data_layers=True, depsgraph=context.depsgraph)
+    try:
+        return None if mesh is None else _read_mesh(context, mesh, request, vertex_groups)
+    finally:
+        owner.to_mesh_clear()
 
 
 def _read_mesh(

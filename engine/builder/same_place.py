@@ -4,9 +4,9 @@
 Rays start a rounding error off the surface that they leave, and end as far before their light. What lies within it,
 such as the ceiling that a lamp was snapped to, would shadow nothing. In Cycles rays skip the very triangles that they
 start and end on, and no other. Here they do so where it shows, since it takes a tenth more time: at flat lamps in the
-plane of a surface, on copies that were never moved, on glass that may touch something and on what it may touch, and on
-instances so far from the origin that the error is a part of their size, or of that of what stands on them, as on curves
-and spheres. Surfaces elsewhere that lie in one place with others do not shadow each other (docs/differences.md).
+plane of a surface, on coincident faces (`engine.builder.coincident`) and copies that were never moved, on glass that
+may touch something and on what it may touch, and on instances so far from the origin that the error is a part of their
+size, or of that of what stands on them, as on curves and spheres.
 """
 
 from __future__ import annotations
@@ -48,6 +48,8 @@ class SamePlace:
     instances : bool (I,)
         Which are far from the origin for their size, unmoved copies, or glass that may touch something, or what it may
         touch; curves.
+    is_clear : bool (I,)
+        Which rays go straight through: not for coincident faces.
     lights : int64 (L,)
         Flat lamps in surfaces, or far from the origin: indices into `SceneDescription.lights`.
     notices : list of Notice
@@ -55,15 +57,17 @@ class SamePlace:
     """
 
     instances: npt.NDArray[np.bool_]
+    is_clear: npt.NDArray[np.bool_]
     lights: npt.NDArray[np.int64]
     notices: list[Notice]
 
-    def mark(self, geometry: GeometryArrays) -> GeometryArrays:
-        """The geometry with these instances marked; the same one where there are none."""
-        if not self.instances.any():
+    def mark(self, geometry: GeometryArrays, coincident: npt.NDArray[np.bool_]) -> GeometryArrays:
+        """The geometry with these instances marked, and those with coincident faces; the same one without any."""
+        instances = self.instances | coincident
+        if not instances.any():
             return geometry
         table = geometry.instance_table.copy()
-        table[self.instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_IN_PLACE
+        table[instances, layout.INSTANCE_FLAGS] |= layout.INSTANCE_FLAG_IN_PLACE
         return geometry._replace(instance_table=table)
 
 
@@ -225,4 +229,4 @@ def find_same_place(
         for light, inside in zip(of_lights.tolist(), surfaces, strict=True) if inside
     ]  # fmt: skip
     in_place = is_far_lamp | np.array([bool(inside) for inside in surfaces], bool)
-    return SamePlace(instances=instances, lights=of_lights[in_place], notices=notices)
+    return SamePlace(instances=instances, is_clear=is_clear, lights=of_lights[in_place], notices=notices)

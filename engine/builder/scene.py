@@ -25,6 +25,7 @@ from engine.builder.geometry import GeometryCache, build_geometry
 from engine.builder.lamps import places_of_flat
 from engine.builder.lights import build_lights
 from engine.builder.majorants import KeptBounds
+from engine.builder.marked_geometry import MarkedGeometry
 from engine.builder.media import SceneMedia, build_media
 from engine.builder.programs import Programs, compile_scene
 from engine.builder.same_place import SamePlace, find_same_place
@@ -51,6 +52,8 @@ from engine.spectral.wavelengths import WAVELENGTH_COUNT
 from engine.state.camera import CameraArrays
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
+    INSTANCE_FLAG_BAKED,
+    INSTANCE_FLAG_IN_PLACE,
     INSTANCE_FLAGS,
     INSTANCE_KEY_COUNT,
     INSTANCE_MATERIAL_OFFSET,
@@ -119,7 +122,7 @@ class SceneCache:
         self.displacements = KeptDisplacements()
         self.placed_meshes = Versions()
         self.same_place: Kept[SamePlace] = Kept()
-        self.marked_geometry: Kept[GeometryArrays] = Kept()
+        self.marked_geometry = MarkedGeometry()
         self.boundaries: Kept[dict[int, float]] = Kept()
         self.media: Kept[SceneMedia] = Kept()
         self.local_scenes: Kept[LocalScenes] = Kept()
@@ -190,12 +193,6 @@ def _find_same_place(cache: SceneCache, description: SceneDescription, geometry:
     )
 
 
-def _mark(cache: SceneCache, same_place: SamePlace, geometry: GeometryArrays) -> GeometryArrays:
-    """The geometry with the instances marked on which rays start and end in place."""
-    key = cache.geometry.geometry.version, cache.same_place.version
-    return cache.marked_geometry.get(key, lambda: same_place.mark(geometry))
-
-
 def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np.ndarray, threads: int) -> Accelerator:
     """The hierarchies at hand where they are of the same shapes in the same places."""
     if cache.hierarchies is None or cache.hierarchies.threads != threads:
@@ -203,6 +200,9 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
         cache.accelerator.drop()
     hierarchies, keys = cache.hierarchies, cache.mesh_keys
     columns = geometry.instance_table[:, _ACCELERATOR_COLUMNS]
+    # Where rays start in place decides only whether an instance is flattened.
+    flags = columns[:, _ACCELERATOR_COLUMNS.index(INSTANCE_FLAGS)]
+    flags[flags & INSTANCE_FLAG_BAKED != 0] &= ~INSTANCE_FLAG_IN_PLACE
     placed = (columns, geometry.transforms, geometry.motion_transforms, masks)
     if not cache.has_moved:
         hierarchies.standing.drop()
@@ -413,12 +413,11 @@ def build_scene(
     link_used(WAVELENGTH_COUNT if settings.spectral == "ON" or description.has_dispersion else RGB)
     displaced = _displace(cache, description, programs, attribute_names, tables, threads, check_cancel, notices)
     apart = _draw_apart(cache, displaced)
-    unmarked = build_geometry(
+    geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
-    same_place = _find_same_place(cache, description, unmarked)
+    same_place = _find_same_place(cache, description, geometry)
     notices += same_place.notices
-    geometry = _mark(cache, same_place, unmarked)
     check_cancel()
     media, shaders = _build_media(cache, apart, programs, geometry, tables), programs.arrays
     if not keeps_meshes:
@@ -429,7 +428,10 @@ def build_scene(
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)
-        accelerator = _build_accelerator(cache.geometry, geometry, masks, threads)
+        geometry, accelerator = cache.marked_geometry.build(
+            (cache.geometry.geometry.version, cache.same_place.version), same_place, geometry, masks,
+            lambda marked: _build_accelerator(cache.geometry, marked, masks, threads), check_cancel,
+        )
         environment = begun.result()
     check_cancel()
     info = programs.program_info()

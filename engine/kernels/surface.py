@@ -79,10 +79,11 @@ def surface_point(geometry, instance, triangle, u, v, time):
     mesh = geometry.instance_table[instance, INSTANCE_MESH]
     v0, v1, v2 = triangle_at(geometry, mesh, triangle, time)
     w = 1.0 - u - v
+    # As Cycles does it: exactly in the plane of a triangle that is parallel to two axes, where w * v0 rounds off it.
     p = (
-        w * v0[0] + u * v1[0] + v * v2[0],
-        w * v0[1] + u * v1[1] + v * v2[1],
-        w * v0[2] + u * v1[2] + v * v2[2],
+        v0[0] + u * (v1[0] - v0[0]) + v * (v2[0] - v0[0]),
+        v0[1] + u * (v1[1] - v0[1]) + v * (v2[1] - v0[1]),
+        v0[2] + u * (v1[2] - v0[2]) + v * (v2[2] - v0[2]),
     )
     extent = max(
         max(abs(v0[0]), abs(v1[0]), abs(v2[0])),

@@ -108,7 +108,7 @@ def test_what_is_far_from_the_origin_for_its_size_is_marked(distance, size, is_f
     geometry = geometry_of(at(distance, 0.0, 0.0, (size, size, size)))
     place = find(geometry, [], ["Quad"])
     assert place.instances.tolist() == [is_far]
-    marked = place.mark(geometry)
+    marked = place.mark(geometry, np.zeros(1, bool))
     assert (marked is geometry) is not is_far
     assert bool(marked.instance_table[0, INSTANCE_FLAGS] & INSTANCE_FLAG_IN_PLACE) is is_far
     assert not geometry.instance_table[0, INSTANCE_FLAGS] & INSTANCE_FLAG_IN_PLACE, "others may read it meanwhile"

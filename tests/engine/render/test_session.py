@@ -153,11 +153,20 @@ def test_unmoved_copies_shadow_each_other_as_in_cycles(transform, cycles):
     assert image.mean() == pytest.approx(cycles, abs=0.03)
 
 
-def test_other_coincident_faces_do_not_shadow_each_other():
-    for transform in (np.eye(4), TILTED):
-        transforms = [transform, transform @ np.diag([1.1, 1.1, 1.0, 1.0])]
-        description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=transforms)
-        assert np.allclose(render(description).passes["Combined"][..., :3], 0.5, atol=1e-5)
+@pytest.mark.parametrize(("transform", "cycles"), [(np.eye(4), 0.0002), (TILTED, 0.2801)], ids=["level", "tilted"])
+def test_coincident_faces_shadow_each_other_as_in_cycles(transform, cycles):
+    """A gray floor, and a larger one in the same plane."""
+    transforms = [transform, transform @ np.diag([1.1, 1.1, 1.0, 1.0])]
+    description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=transforms)
+    image = render(description, samples=64).passes["Combined"][..., :3]
+    assert image.mean() == pytest.approx(cycles, abs=0.03)
+
+
+def test_faces_that_are_apart_do_not_shadow_each_other():
+    below = np.eye(4)
+    below[2, 3] = -1e-3
+    description = floor_scene(world=World("w", "World", None, (1.0, 1.0, 1.0)), transforms=[np.eye(4), below])
+    assert np.allclose(render(description).passes["Combined"][..., :3], 0.5, atol=1e-5)
 
 
 def test_the_image_is_the_same_bit_for_bit_for_any_thread_count():
