@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.scenes.movie_files import write_movie
 from engine.scene.description import Image, SceneDescription
 from engine.scene.image import is_multiplied
 from engine.shaders.compiled_program import ProgramSource
@@ -462,8 +463,39 @@ def test_sequences_follow_the_frame(node: Any, tmp_path: Path) -> None:
     assert [value(frame) for frame in (8, 9)] == [10, 20]
     user.use_cyclic, user.frame_offset = False, 1
     assert [value(frame) for frame in (5, 6)] == [20, 30]
+    # Auto Refresh is for windows.
+    user.use_auto_refresh, user.frame_current = False, 1
+    assert [value(frame) for frame in (5, 6)] == [20, 30]
     assert value(7) == 255 and export().notices  # pink: there is no such file
     assert len(bpy.data.images) == 1
+
+
+def test_movies_follow_the_frame(node: Any, tmp_path: Path) -> None:
+    import bpy
+
+    frames = np.zeros((3, 2, 5, 3), np.uint8)
+    frames[:] = np.array([10, 20, 30])[:, None, None, None]
+    frames[:, 1, 4] = (40, 50, 60)
+    write_movie(tmp_path / "movie.avi", frames)
+    node.image = bpy.data.images.load(str(tmp_path / "movie.avi"))
+    user = node.image_user
+    user.frame_duration, user.frame_start = 3, 5
+
+    def value(frame: int) -> int:
+        bpy.context.scene.frame_set(frame)
+        description = export()
+        exported = shown(description)
+        assert exported is not None and not description.notices
+        assert (exported.encoding, exported.name) == ("SRGB", "movie.avi")
+        assert exported.pixels[1, 4].tolist() == [40, 50, 60, 255]
+        return int(exported.pixels[0, 0, 0])
+
+    assert [value(frame) for frame in (1, 5, 6, 7, 9)] == [10, 10, 20, 30, 30]
+    user.use_cyclic = True
+    assert [value(frame) for frame in (4, 8, 9)] == [30, 10, 20]
+    user.use_cyclic, user.frame_offset = False, 1
+    assert [value(frame) for frame in (5, 6, 7)] == [20, 30, 30]
+    assert len(bpy.data.images) == 1 and not bpy.data.textures
 
 
 def test_sequences_in_a_final_render(node: Any, tmp_path: Path) -> None:
