@@ -153,7 +153,6 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
         "path": "/lamps/spot.ies",
         "error.strerror": "No such file or directory",
     },
-    "addon/export/scene.py": {"name": "ACEScg"},
     "addon/export/unsupported.py": {"level": "6", "modifier.render_levels": "11"},
     "addon/export/volumes.py": {"', '.join(names) or 'it has none'": "density", "path": "/caches/smoke_0001.vdb"},
     "addon/figures.py": {

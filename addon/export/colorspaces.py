@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import mathutils
 import numpy as np
 
 from engine.array_types import Float32Array
@@ -111,6 +112,12 @@ def working_space(name: str) -> tuple[str, Float32Array | None] | None:
     return own_name, matrix
 
 
+def blender_to_xyz() -> Float32Array:
+    """Blender's scene-linear colours to XYZ under D65, by its configuration of OpenColorIO, float32 (3, 3)."""
+    columns = [mathutils.Color(axis).from_scene_linear_to_xyz_d65() for axis in np.eye(3).tolist()]
+    return np.array(columns, np.float32).T
+
+
 def to_scene_linear(pixels: Float32Array, space: str, working: str) -> Float32Array | None:
     """Colours stored in `space` as scene-linear, alpha untouched; None if the space is not known.
 
@@ -120,16 +127,16 @@ def to_scene_linear(pixels: Float32Array, space: str, working: str) -> Float32Ar
     space : str
         Blender's name of a colour space.
     working : str
-        'Rec.709', 'Rec.2020' or 'ACEScg'.
+        'Rec.709', 'Rec.2020', 'ACEScg', or the name that a configuration of OpenColorIO has for another space.
     """
+    target = "AP1" if working == "ACEScg" else working
     if space == "scene_linear":
         return pixels
-    if space not in _SPACES:
+    if space not in _SPACES or target not in _PRIMARIES:
         return None
     decode, primaries = _SPACES[space]
     result = np.empty_like(pixels)
     colors = decode(pixels[..., :3])
-    target = "AP1" if working == "ACEScg" else working
     if primaries != target:
         matrix = np.linalg.solve(_to_xyz(target), _to_xyz(primaries)).astype(np.float32)
         colors = colors @ matrix.T

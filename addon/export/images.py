@@ -18,6 +18,7 @@ from engine.scene.texel_file import TexelFile, check_room
 from .alpha_of_files import is_data_space, is_read_from_file, loaded_anew, reading_of
 from .colorspaces import to_scene_linear, to_srgb
 from .context import CachedImage, ExportContext
+from .image_frames import image_path, show_frame, shown_frame
 from .image_headers import expected_bytes
 from .image_memory import ImageMemory
 from .image_tiles import tile_file, tile_index, tile_numbers, tile_path
@@ -59,10 +60,10 @@ class ImageExporter:
         self.context.check_cancel()
         if image.source == "TILED":
             return self._export_tiles(image, subject)
-        frame = _frame_number(self.context, image, user)
+        frame = shown_frame(image, user, self.context.scene.frame_current)
         identity = (image.name_full, frame)
         if identity not in self._indices:
-            self._add(identity, self._export(image, frame, subject))
+            self._add(identity, self._export(image, frame))
         index = self._indices[identity]
         self.met.append((identity, index))
         if self.is_missing(index):
@@ -76,7 +77,7 @@ class ImageExporter:
         image.size[:]
         identities = [(number, (image.name_full, "tile", number)) for number in tile_numbers(image)]
         for number, identity in identities:
-            path = tile_path(_path(image, None), number)
+            path = tile_path(image_path(image), number)
             if identity not in self._indices:
                 self._add(identity, self._read_tile(image, identity, path))
             self.met.append((identity, self._indices[identity]))
@@ -162,16 +163,14 @@ class ImageExporter:
         self.images.append(kept.image)
         return len(self.images) - 1
 
-    def _export(self, image: bpy.types.Image, frame: int | None, subject: str) -> Image | None:
+    def _export(self, image: bpy.types.Image, frame: int | None) -> Image | None:
         context = self.context
         self._names.add(image.name_full)
-        if image.source == "MOVIE":
-            context.notice(f"{subject} / {image.name}", "movies are not supported", "one frame of it")
         # A painted image says so until it is saved; only its pixels tell whether it changed again.
         return self._keep(
             (image.name_full, frame),
             _state(context, image, frame),
-            lambda: self._read(image) if frame is None else _read_sequence(context, image, frame),
+            lambda: self._read(image) if frame is None else _read_frame(context, image, frame),
             is_surely_same=not image.is_dirty,
         )
 
@@ -391,7 +390,7 @@ def _state(context: ExportContext, image: bpy.types.Image, frame: int | None) ->
         return (*settings, size, image.generated_type, tuple(image.generated_color), image.use_generated_float)
     if image.packed_file is not None:
         return (*settings, image.packed_file.as_pointer(), image.packed_file.size)
-    path = _path(image, frame)
+    path = image_path(image, frame)
     try:
         status = os.stat(path)
     except OSError:
@@ -399,47 +398,12 @@ def _state(context: ExportContext, image: bpy.types.Image, frame: int | None) ->
     return (*settings, path, status.st_mtime_ns, status.st_size)
 
 
-def _path(image: bpy.types.Image, frame: int | None) -> str:
-    path = bpy.path.abspath(image.filepath_raw, library=image.library)
-    if frame is None:
-        return path
-    # As Blender: the last run of digits in the file's name counts the frames.
-    folder, name = os.path.split(path)
-    stem, extension = os.path.splitext(name)
-    end = len(stem)
-    while end > 0 and not stem[end - 1].isdigit():
-        end -= 1
-    start = end
-    while start > 0 and stem[start - 1].isdigit():
-        start -= 1
-    if start == end:
-        return path
-    return os.path.join(folder, f"{stem[:start]}{frame:0{end - start}d}{stem[end:]}{extension}")
-
-
-def _frame_number(
-    context: ExportContext, image: bpy.types.Image, user: bpy.types.ImageUser | None
-) -> int | None:
-    """Which file of a sequence is shown; None for everything that is no sequence."""
-    if image.source != "SEQUENCE" or user is None:
-        return None
-    if not user.use_auto_refresh:
-        return int(user.frame_current)
-    length = user.frame_duration
-    if length <= 0:
-        return 0
-    frame = context.scene.frame_current - user.frame_start + 1
-    if user.use_cyclic:
-        frame = (frame - 1) % length + 1
-    return min(max(frame, 0), length) + user.frame_offset
-
-
-def _read_sequence(context: ExportContext, image: bpy.types.Image, frame: int) -> Image | None:
-    """One file of a sequence, through a datablock of its own: Blender's `pixels` cannot be asked for a frame."""
-    path = _path(image, frame)
+def _read_frame(context: ExportContext, image: bpy.types.Image, frame: int) -> Image | None:
+    """One frame of a sequence or movie, through a datablock of its own: `pixels` cannot be asked for a frame."""
+    path = image_path(image, frame)
     if not os.path.isfile(path):
         return None
-    exported = _read_file(context, path, image)
+    exported = _read_file(context, path, image, movie_frame=frame if image.source == "MOVIE" else None)
     if exported is not None:
         exported.name = image.name
     return exported
@@ -453,13 +417,17 @@ def _read_tile_file(context: ExportContext, image: bpy.types.Image, path: str) -
     return exported
 
 
-def _read_file(context: ExportContext, path: str, like: bpy.types.Image | None = None) -> Image | None:
+def _read_file(
+    context: ExportContext, path: str, like: bpy.types.Image | None = None, *, movie_frame: int | None = None
+) -> Image | None:
     """The image of a file, read through a datablock of its own.
 
     Parameters
     ----------
     like : Image, optional
         Whose colour space and alpha it has; by default what Blender makes of the file.
+    movie_frame : int, optional
+        Which frame, of a file that is a movie.
     """
     try:
         single = bpy.data.images.load(path, check_existing=False)
@@ -470,6 +438,8 @@ def _read_file(context: ExportContext, path: str, like: bpy.types.Image | None =
             if like.colorspace_settings.name:
                 single.colorspace_settings.name = like.colorspace_settings.name
             single.alpha_mode = like.alpha_mode
+        if movie_frame is not None:
+            show_frame(single, movie_frame)
         return _read_loaded(context, single, ImageMemory())
     finally:
         # Nobody uses it. Unlinking it all the same rebuilds view layers, and Blender 5.2 crashes at the next frame.

@@ -108,7 +108,7 @@ class Appearance:
     of_instances: tuple[str, ...] = ()
     #: What makes the instances, None for objects that are none.
     instancer: bpy.types.Object | None = None
-    #: Names of the mesh's vertex groups, if materials read attributes.
+    #: Names of the mesh's vertex groups.
     vertex_groups: tuple[str, ...] = ()
     #: Times of the shutter it is looked at, 0 if it is not blurred.
     motion_step_count: int = 0
@@ -279,7 +279,6 @@ def _describe(
         slots = tuple(materials.default_volume() if slot < 0 else slot for slot in slots)
     requests = [materials.requests[index] for index in slots if index >= 0]
     found = {name: find_property(item, name) for name in sorted(set().union(*(one.properties for one in requests)))}
-    reads_attributes = is_mesh and any(one.names for one in requests)
     kinds.append(
         Appearance(
             name=shown.name,
@@ -307,7 +306,8 @@ def _describe(
             properties={name: value for name, (value, _) in found.items()},
             of_instances=tuple(name for name, (_, comes_after) in found.items() if comes_after),
             instancer=item.parent if item.is_instance else None,
-            vertex_groups=tuple(shown.vertex_groups.keys()) if reads_attributes else (),
+            # A Raycast node of a material that is met later may read one.
+            vertex_groups=tuple(shown.vertex_groups.keys()) if is_mesh else (),
         )
     )
     _set_motion(context, kinds[-1], item, parent)

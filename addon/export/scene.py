@@ -11,7 +11,7 @@ import numpy as np
 from engine.scene.description import Camera, Frame, Instances, Light, Mesh, Portal, SceneDescription
 
 from .camera import export_camera, export_frame, find_camera, in_middle
-from .colorspaces import working_space
+from .colorspaces import blender_to_xyz, working_space
 from .context import ExportCache, ExportContext, Window
 from .culling import cull
 from .gases import export_gas
@@ -187,8 +187,9 @@ def _set_working_space(context: ExportContext) -> np.ndarray | None:
     name = settings.working_space
     known = working_space(name)
     if known is None:
-        context.notice(context.scene.name, f"working space {name!r} is not supported", "Linear Rec.709")
-        return None
+        # The one of a user's own configuration of OpenColorIO: Blender converts images to it.
+        context.working_space = name
+        return blender_to_xyz()
     context.working_space, to_xyz = known
     return to_xyz
 

@@ -57,3 +57,22 @@ def test_attributes_of_what_is_hit_are_asked_of_every_mesh(scene: Any) -> None:
     raycast = next(one for one in description.materials[0].graph.nodes if one.kind == "ShaderNodeRaycast")
     assert raycast.properties["attributes"] == ((output.identifier, "heat", "VALUE"),)
     assert description.notices == []
+
+
+def test_vertex_groups_of_what_is_hit(scene: Any) -> None:
+    """No material of the mesh reads one, and the material that does is met after it."""
+    if not hasattr(bpy.types, "ShaderNodeRaycast"):
+        pytest.skip("Blender 5.1 has the node")
+    hit, seen = add_square("Hit"), add_square("Seen")
+    hit.vertex_groups.new(name="heat").add([0, 2], 0.25, "REPLACE")
+    material = bpy.data.materials.new("Looks")
+    nodes = material.node_tree.nodes
+    node = nodes.new("ShaderNodeRaycast")
+    node.sample_attribute_items.new("FLOAT", "Named")
+    next(socket for socket in node.inputs if socket.type == "STRING").default_value = "heat"
+    output = next(socket for socket in node.outputs if socket.name == "Named")
+    material.node_tree.links.new(output, nodes["Principled BSDF"].inputs["Base Color"])
+    seen.data.materials.append(material)
+    description = export()
+    attribute = next(mesh for mesh in description.meshes if mesh.name == "Hit").attributes["heat"]
+    assert attribute.domain == "POINT" and attribute.data[:, 0].tolist() == [0.25, 0.0, 0.25, 0.0]
