@@ -12,7 +12,8 @@ MASK_MEDIUM = 256
 MASK_RAYCAST = 1 << 15
 #: By so many bits higher are the masks of rays that see shadow catchers only.
 CATCHER_MASK_SHIFT = 16
-#: Bits for the objects that cast shadows in the light of emitters with collections of blockers, one a collection. They
-#: lie below MASK_RAYCAST, and are free above it too.
-FIRST_BLOCKER_BIT = 9
-BLOCKER_BITS = 6
+#: Bits for the objects that cast shadows in the light of emitters with collections of blockers, one a choice. They lie
+#: below MASK_RAYCAST, and are free above it too.
+BLOCKER_BITS = tuple(range(9, 15))
+#: More of them where nothing is a shadow catcher. Masks of emitters are signed, so the last bit is none.
+BLOCKER_BITS_WITHOUT_CATCHERS = (*BLOCKER_BITS, *range(CATCHER_MASK_SHIFT, 31))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.accel.masks import BLOCKER_BITS, FIRST_BLOCKER_BIT
+from engine.accel.masks import BLOCKER_BITS, BLOCKER_BITS_WITHOUT_CATCHERS
 from engine.array_types import Int32Array, Uint32Array
 from engine.scene.description import Notice
 from engine.scene.linking import Linking, contains
@@ -32,21 +32,25 @@ class Blockers:
     notices: list[Notice]
 
 
-def find_blockers(linking: Linking | None) -> Blockers | None:
-    """Masks for shadow linking; None where everything casts shadows in all light."""
+def find_blockers(linking: Linking | None, *, has_catchers: bool) -> Blockers | None:
+    """Masks for shadow linking; None where everything casts shadows in all light.
+
+    Where anything is a shadow catcher fewer choices have room in a mask.
+    """
     if linking is None:
         return None
     numbers = np.unique(linking.blocker_set).tolist()
     bits = np.zeros(len(linking.blocker_set), np.uint32)
     patterns: dict[bytes, int] = {np.ones(len(numbers), np.bool_).tobytes(): 0}
     notices: list[Notice] = []
+    free = BLOCKER_BITS if has_catchers else BLOCKER_BITS_WITHOUT_CATCHERS
 
     def masks(of_emitters: np.ndarray) -> Int32Array:
         result = np.zeros(len(of_emitters), np.int32)
         for value in np.unique(of_emitters):
             casts = np.array([contains(value, number) for number in numbers], np.bool_)
             if casts.tobytes() not in patterns:
-                patterns[casts.tobytes()] = _next_mask(len(patterns), notices)
+                patterns[casts.tobytes()] = _next_mask(len(patterns) - 1, free, notices)
                 of_sets = dict(zip(numbers, casts.tolist(), strict=True))
                 is_caster = np.array([of_sets[number] for number in linking.blocker_set.tolist()], np.bool_)
                 bits[is_caster] |= np.uint32(patterns[casts.tobytes()])
@@ -59,13 +63,13 @@ def find_blockers(linking: Linking | None) -> Blockers | None:
     return Blockers(bits, surfaces, lamps, notices)
 
 
-def _next_mask(known: int, notices: list[Notice]) -> int:
-    if known <= BLOCKER_BITS:
-        return 1 << (FIRST_BLOCKER_BIT + known - 1)
+def _next_mask(known: int, free: tuple[int, ...], notices: list[Notice]) -> int:
+    if known < len(free):
+        return 1 << free[known]
     if not notices:
         notices.append(
             Notice(
-                "scene", f"more than {BLOCKER_BITS} different choices of blockers are not supported",
+                "scene", f"more than {len(free)} different choices of blockers are not supported",
                 "everything casts shadows in the light of the others",
             )
         )

@@ -180,7 +180,7 @@ def build_lights(
     distant = _list_distant(environment, lamps, local_count, triangle_count + local_count)
     # Those that are infinitely far away come last.
     bounds = np.concatenate([triangles.bounds, lamps.bounds[:local_count]])
-    blockers = find_blockers(description.linking)
+    blockers = find_blockers(description.linking, has_catchers=description.instances.has_catchers)
     # Kernels are compiled for scenes that link lights and shadows, or neither.
     sight = find_sight(
         description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], is_wanted=blockers is not None

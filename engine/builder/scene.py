@@ -103,8 +103,7 @@ class Scene:
     @property
     def has_catchers(self) -> bool:
         """Whether there are shadow catchers."""
-        is_catcher = self.description.instances.is_shadow_catcher
-        return is_catcher is not None and bool(is_catcher.any())
+        return self.description.instances.has_catchers
 
 
 class SceneCache:
@@ -156,7 +155,7 @@ def _shadow_masks(
 
     What has a medium inside has MASK_MEDIUM besides, and stops no light if it is nothing but the medium's boundary.
     """
-    blockers = find_blockers(description.linking)
+    blockers = find_blockers(description.linking, has_catchers=description.instances.has_catchers)
     if blockers is not None:
         notices += blockers.notices
     table = geometry.instance_table

@@ -244,6 +244,11 @@ class Instances:
 
 # Lights: Blender's units; engine.builder.lamps converts.
 
+    @property
+    def has_catchers(self) -> bool:
+        """Whether there are shadow catchers."""
+        return self.is_shadow_catcher is not None and bool(self.is_shadow_catcher.any())
+
 
 @dataclass
 class Light:
@@ -275,6 +280,8 @@ class Light:
         [rad] area: pi = all directions.
     graph : NodeGraph or None
         Emission multiplies the light's strength; None = plain.
+    random, object_color, pass_index
+        In [0, 1); linear, with alpha; what its graph may read of the object.
     """
 
     key: Hashable
@@ -299,6 +306,8 @@ class Light:
     visibility: int = VISIBLE_ALL
     graph: NodeGraph | None = None
     random: float = 0.0
+    object_color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    pass_index: int = 0
     temperature: float = 0.0
     light_group: int = -1  # index into `SceneDescription.light_groups`, -1 = none; so of the world
 

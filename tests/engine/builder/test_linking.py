@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.accel.masks import BLOCKER_BITS, CATCHER_MASK_SHIFT, FIRST_BLOCKER_BIT, MASK_RAYCAST
+from engine.accel.masks import (
+    BLOCKER_BITS,
+    BLOCKER_BITS_WITHOUT_CATCHERS,
+    CATCHER_MASK_SHIFT,
+    MASK_MEDIUM,
+    MASK_RAYCAST,
+)
 from engine.builder.blockers import find_blockers
 from engine.builder.scene import SceneCache, build_scene
 from engine.scene.description import Light, SceneDescription
@@ -126,7 +132,7 @@ def test_blockers_have_masks() -> None:
         [0, 0, 0], [ALL_SETS] * 7, blocker_set=np.array([0, 1, 2], np.int32),
         lamp_blockers=np.array([ALL_SETS, 2, 5, 2, 0, ALL_SETS, ALL_SETS], np.uint64),
     )
-    blockers = find_blockers(scene.linking)
+    blockers = find_blockers(scene.linking, has_catchers=False)
     assert blockers is not None
     assert not blockers.notices
     assert blockers.lamps[[0, 5, 6]].tolist() == [0, 0, 0]
@@ -140,19 +146,30 @@ def test_blockers_have_masks() -> None:
     assert ((built.accelerator.masks & np.uint32(blockers.lamps[1])) != 0).tolist() == [False, True, False]
 
 
-def test_too_many_choices_of_blockers_are_named() -> None:
-    count = BLOCKER_BITS + 2
+@pytest.mark.parametrize(("has_catchers", "room"), [(True, 6), (False, 21)])
+def test_too_many_choices_of_blockers_are_named(has_catchers: bool, room: int) -> None:
+    count = room + 2
     scene = linked([0] * count, [ALL_SETS] * 7, blocker_set=np.arange(count, dtype=np.int32))
     assert scene.linking is not None
     bits = np.array([2**number for number in range(count)], np.uint64)
-    blockers = find_blockers(replace(scene.linking, surface_blockers=bits))
+    blockers = find_blockers(replace(scene.linking, surface_blockers=bits), has_catchers=has_catchers)
     assert blockers is not None
-    assert (blockers.surfaces == 0).sum() == count - BLOCKER_BITS
+    assert (blockers.surfaces == 0).sum() == count - room
     assert [notice.problem for notice in blockers.notices] == [
-        f"more than {BLOCKER_BITS} different choices of blockers are not supported"
+        f"more than {room} different choices of blockers are not supported"
     ]
-    assert FIRST_BLOCKER_BIT + BLOCKER_BITS < CATCHER_MASK_SHIFT and MASK_RAYCAST < 1 << CATCHER_MASK_SHIFT
-    assert MASK_RAYCAST >= 1 << FIRST_BLOCKER_BIT + BLOCKER_BITS
+    # Of those that have room each is hidden by the one object of its choice alone.
+    found = blockers.surfaces[:room].astype(np.uint32)[:, None] & blockers.bits[None, :]
+    assert ((found != 0) == np.eye(room, count, dtype=bool)).all()
+
+
+def test_bits_of_blockers_are_no_others() -> None:
+    bits = set(BLOCKER_BITS_WITHOUT_CATCHERS)
+    assert set(BLOCKER_BITS) <= bits
+    assert max(BLOCKER_BITS) < CATCHER_MASK_SHIFT
+    assert MASK_RAYCAST < 1 << CATCHER_MASK_SHIFT
+    taken = 2 * MASK_MEDIUM - 1 | MASK_RAYCAST
+    assert not any(taken >> bit & 1 for bit in bits)
 
 
 @pytest.mark.parametrize(
