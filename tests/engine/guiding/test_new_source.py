@@ -18,6 +18,8 @@ from engine.settings import SETTINGS, Choice
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 
+pytestmark = pytest.mark.estimator
+
 ROOT = Path(__file__).resolve().parents[3]
 SEEDS = 6
 RENDER = {"scene": pit_scene, "samples": 127, "max_bounces": 12, "diffuse_bounces": 12, "deterministic": True}
