@@ -8,6 +8,7 @@ from benchmarks.scenes import (
     cameras,
     clamped,
     closures,
+    coincident,
     culled,
     displaced,
     displaced_followers,
@@ -48,9 +49,9 @@ from benchmarks.scenes import (
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
-    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
-    "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands",
-    "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data",
-    "skies", "spectral", "subsurface", "terminators", "textures", "wax",
+    "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "coincident", "culled", "displaced",
+    "displaced_followers", "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined",
+    "lights", "limits", "linked", "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion",
+    "movies", "moving_strands", "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled",
+    "ray_portals", "rooms", "shape_data", "skies", "spectral", "subsurface", "terminators", "textures", "wax",
 ]  # fmt: skip

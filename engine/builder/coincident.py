@@ -26,7 +26,7 @@ from engine.state import geometry as layout
 from engine.state.geometry import INSTANCE_MESH, MESH_SHAPE, SHAPE_TRIANGLES, GeometryArrays
 
 #: Points that are looked at: about 0.05 s. Of those of an instance that has too many, so many at least.
-_MOST_POINTS, _FEWEST_POINTS = 1 << 16, 16
+_MOST_POINTS, _FEWEST_POINTS = 1 << 15, 16
 #: Points of a triangle, as barycentric coordinates of its second and third corner: no plain fractions, where edges of
 #: other things often are.
 _POINTS = np.array([(0.359, 0.313), (0.173, 0.151), (0.659, 0.187), (0.163, 0.691)], np.float32)
