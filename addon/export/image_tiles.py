@@ -59,8 +59,8 @@ def tile_file(image: bpy.types.Image, path: str) -> Iterator[str]:
 def tiles_as_shown(image: bpy.types.Image) -> Iterator[str]:
     """Path of the files with what tiles show, as for `tile_path`; '' if Blender cannot write them.
 
-    What was painted, and tiles that have never been saved, Blender writes into a temporary folder. The image itself stays
-    as it is.
+    What was painted, and tiles that have never been saved, Blender writes into a temporary folder. The image itself
+    stays as it is.
     """
     path = image_path(image)
     if path and not image.is_dirty:
