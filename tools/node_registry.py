@@ -34,8 +34,7 @@ AS_IN_CYCLES = {
 #: What the export says of some settings of nodes that it resolves.
 PARTLY_RESOLVED = {
     "FunctionNodeFindInString": "modes but From Start are not supported → as if it were not linked",
-    "FunctionNodeStringToValue": "bases but 10 are not supported → as if it were not linked",
-    "FunctionNodeValueToString": "bases but 10 and padding are not supported → as if it were not linked",
+    "FunctionNodeFormatString": "hexadecimal and escaped forms are not supported → as if it were not linked",
 }
 
 

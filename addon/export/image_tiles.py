@@ -13,6 +13,8 @@ import numpy as np
 
 from engine.scene.description import Image
 
+from .image_frames import image_path
+
 if TYPE_CHECKING:
     import bpy
 
@@ -51,6 +53,37 @@ def tile_file(image: bpy.types.Image, path: str) -> Iterator[str]:
         with open(unpacked, "wb") as file:
             file.write(packed.packed_file.data)
         yield unpacked
+
+
+@contextmanager
+def tiles_as_shown(image: bpy.types.Image) -> Iterator[str]:
+    """Path of the files with what tiles show, as for `tile_path`; '' if Blender cannot write them.
+
+    What was painted, and tiles that have never been saved, Blender writes into a temporary folder. The image itself
+    stays as it is.
+    """
+    path = image_path(image)
+    if path and not image.is_dirty:
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "painted NeuralGuide.<UDIM>.png")
+        yield path if _save_copy(image.original, path) else ""
+
+
+def _save_copy(image: bpy.types.Image, path: str) -> bool:
+    """Write the tiles of an image as they are; False if Blender cannot."""
+    kept = image.file_format
+    if image.is_float:
+        image.file_format = "OPEN_EXR"
+    try:
+        image.save(filepath=path, save_copy=True)
+    except RuntimeError:
+        return False
+    finally:
+        if image.is_float:
+            image.file_format = kept
+    return True
 
 
 def tile_index(name: str, tiles: list[tuple[int, int]], first: Image) -> Image:

@@ -21,7 +21,7 @@ from .context import CachedImage, ExportContext
 from .image_frames import image_path, show_frame, shown_frame
 from .image_headers import expected_bytes
 from .image_memory import ImageMemory
-from .image_tiles import tile_file, tile_index, tile_numbers, tile_path
+from .image_tiles import tile_file, tile_index, tile_numbers, tile_path, tiles_as_shown
 from .texture_limit import TextureLimit, read_limit
 
 _PINK = "Blender's pink"
@@ -76,16 +76,17 @@ class ImageExporter:
         # Blender knows an image's colour space once it has read its file.
         image.size[:]
         identities = [(number, (image.name_full, "tile", number)) for number in tile_numbers(image)]
-        for number, identity in identities:
-            path = tile_path(image_path(image), number)
-            if identity not in self._indices:
-                self._add(identity, self._read_tile(image, identity, path))
-            self.met.append((identity, self._indices[identity]))
-            if image.is_dirty and number == identities[0][0]:
+        with tiles_as_shown(image) as shown:
+            if not shown:
                 self.context.notice(f"{subject} / {image.name}", "its tiles have unsaved changes", "as they are saved")
-            if self.is_missing(self._indices[identity]):
-                problem = f"the file {path} of tile {number} is missing or cannot be read"
-                self.context.notice(f"{subject} / {image.name}", problem, _PINK)
+            for number, identity in identities:
+                path = tile_path(shown or image_path(image), number)
+                if identity not in self._indices:
+                    self._add(identity, self._read_tile(image, identity, path))
+                self.met.append((identity, self._indices[identity]))
+                if self.is_missing(self._indices[identity]):
+                    problem = f"the file {path} of tile {number} is missing or cannot be read"
+                    self.context.notice(f"{subject} / {image.name}", problem, _PINK)
         whole = ("tiles", image.name_full, tuple(identities))
         self._find_tiles(whole)
         self.met.append((whole, self._indices[whole]))
@@ -104,9 +105,6 @@ class ImageExporter:
     def _read_tile(self, image: bpy.types.Image, identity: tuple[Hashable, ...], path: str) -> Image | None:
         """A tile from its file, or as it was read before; None if it cannot be."""
         self._names.add(image.name_full)
-        if not image.filepath_raw and identity[2] == image.tiles[0].number:
-            # Of tiles that were never saved Blender gives the first only.
-            return self._read(image)
         try:
             status = os.stat(path)
             stamp: tuple[Hashable, ...] = (status.st_mtime_ns, status.st_size)

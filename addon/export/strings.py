@@ -15,8 +15,9 @@ import bpy
 from engine.scene.description import Link
 
 from .node_trees import Tree
+from .string_formats import Item, by_base, format_string, read_by_base, trimmed
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MATCHES: dict[str, Callable[[str, str], bool]] = {
     "Starts With": str.startswith,
     "Ends With": str.endswith,
@@ -45,24 +46,29 @@ def _length(given: dict[str, Any], node: bpy.types.Node, output: str) -> Any:
 
 def _to_value(given: dict[str, Any], node: bpy.types.Node, output: str) -> Any:
     """A number that a string begins with, and of how many characters it is."""
-    string = given["String"]
-    if node.data_type == "INT" and given.get("Base", 10) != 10:
-        return None
-    pattern = _NUMBER if node.data_type == "FLOAT" else re.compile(r"[+-]?\d+")
-    found = pattern.match(string)
+    if node.data_type == "INT":
+        value, length = read_by_base(given["String"], int(given.get("Base", 10)))
+        return length if output == "Length" else value
+    found = _NUMBER.match(given["String"])
     if found is None:
         return 0
-    if output == "Length":
-        return len(found[0])
-    return float(found[0]) if node.data_type == "FLOAT" else int(found[0])
+    return len(found[0]) if output == "Length" else float(found[0])
 
 
 def _to_string(given: dict[str, Any], node: bpy.types.Node, output: str) -> Any:
     if node.data_type == "FLOAT":
         return f"{given['Value']:.{max(int(given['Decimals']), 0)}f}"
-    if given.get("Base", 10) != 10 or given.get("Padding", 0) != 0:
-        return None
-    return str(int(given["Value"]))
+    return by_base(int(given["Value"]), int(given.get("Base", 10)), int(given.get("Padding", 0)))
+
+
+def _format(given: dict[str, Any], node: bpy.types.Node, output: str) -> Any:
+    sockets = [socket for socket in node.inputs if socket.identifier in given and socket.identifier != "Format"]
+    return format_string(given["Format"], [Item(one.name, one.type, given[one.identifier]) for one in sockets])
+
+
+def _trim(given: dict[str, Any], node: bpy.types.Node, output: str) -> Any:
+    characters = given["Characters"] + (" \t\n\r" if given["Whitespace"] else "")
+    return trimmed(given["String"], characters, at_start=bool(given["Start"]), at_end=bool(given["End"]))
 
 
 def _find(given: dict[str, Any], node: bpy.types.Node, output: str) -> Any:
@@ -103,7 +109,7 @@ def _function(
     """What an output carries, of constants."""
 
     def carried(access: Any, tree: Tree, node: bpy.types.Node, socket: bpy.types.NodeSocket) -> Any:
-        sockets = [item for item in node.inputs if not item.is_unavailable]
+        sockets = [item for item in node.inputs if not item.is_unavailable and item.type != "CUSTOM"]
         given = {item.identifier: access.input(tree, item) for item in sockets}
         if any(isinstance(value, Link) or value is None for value in given.values()):
             return "" if socket.type == "STRING" else 0
@@ -122,6 +128,8 @@ STRINGS = {
     "FunctionNodeStringLength": _function(_length),
     "FunctionNodeStringToValue": _function(_to_value),
     "FunctionNodeValueToString": _function(_to_string),
+    "FunctionNodeFormatString": _function(_format),
+    "FunctionNodeTrimString": _function(_trim),
     "FunctionNodeFindInString": _function(_find),
     "FunctionNodeMatchString": _function(_match),
     "FunctionNodeSliceString": _function(_slice),

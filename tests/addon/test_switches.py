@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
+from tests.helpers.blender_scenes import export
 from tests.helpers.pass_scenes import make_material, render_passes
 from tools.node_registry import AS_IN_CYCLES
 
@@ -160,6 +161,73 @@ def _string(kind: str, output: str = "", properties: dict[str, Any] | None = Non
         if socket.type != "STRING":
             return socket
         return _node(tree, "FunctionNodeStringToValue", String=socket).outputs[0]
+
+    return build
+
+
+_ITEMS = {"a": ("FLOAT", 2.5), "b": ("INT", -7), "c": ("STRING", "34"), "d": ("INT", 6), "e": ("FLOAT", 4.0)}
+
+
+def _formatted(text: str, *, by_length: bool = False) -> Case:
+    """The number that a format gives, or how long its string is."""
+
+    def build(tree: Any) -> Any:
+        node = tree.nodes.new("FunctionNodeFormatString")
+        for name, (kind, value) in _ITEMS.items():
+            node.format_items.new(kind, name)
+            node.inputs[len(node.inputs) - 2].default_value = value
+        node.inputs["Format"].default_value = text
+        if by_length:
+            return _node(tree, "FunctionNodeStringLength", String=node.outputs[0]).outputs[0]
+        return _node(tree, "FunctionNodeStringToValue", String=node.outputs[0]).outputs[0]
+
+    return build
+
+
+#: What Format String is asked for; what begins with no number is told by its length.
+_FORMATS = (
+    "{}", "{}{}", "{}5", "{1}", "{b}", "{c}{d}", "3{{{}", "{3:04}", "{d:<3}1", "{a:.3f}", "{a:e}", "{a:.2}", "{e}",
+    "{e:.3}",
+    "{d:b}", "{d:X}", "{c:>{d}}", "{c:.1}", "{a:.{d}f}", "{d:###}", "{b:#####}", "{x}", "{9}", "{", "9}", "{a:d}",
+    "{d:.2f}", "{b:+}", "{d:+}", "{:>8}{:>8}", "{} {a} {}", "1{a:*^9.1f}", "{c:s}", "{d:c}", "{c:#}",
+    "{a:a}", "{:<6}|{c}", "{a:08}", "{c:^9}",
+)  # fmt: skip
+#: Not followed: hexadecimal fractions.
+_UNKNOWN = ("format {a:a}", "length of {a:a}")
+_UNKNOWN_FORMAT = "has a setting of strings that is not supported"
+_TRIMS = ("xx12x", "  12 ", "xxxx", "", "x1x2x")
+
+
+def _format_cases() -> dict[str, Case]:
+    cases = {f"format {text}": _formatted(text) for text in _FORMATS}
+    cases |= {f"length of {text}": _formatted(text, by_length=True) for text in _FORMATS}
+    whole = {"data_type": "INT"}
+    for base in (2, 3, 16, 36, 10):
+        for padding in (0, 6):
+            for value in (0, 11, -35):
+                inputs = {"Value": value, "Base": base, "Padding": padding}
+                written = _string("FunctionNodeValueToString", properties=whole, **inputs)
+                cases[f"{value} by {base}, {padding}"] = written
+        for text in ("1011", "-1g", "fF", "+7", "0x1", "zz2", "-", "99999999999"):
+            for output in ("Value", "Length"):
+                read = _string("FunctionNodeStringToValue", output, properties=whole, String=text, Base=base)
+                cases[f"{output} of {text} by {base}"] = read
+    for text in _TRIMS:
+        for ends in ("both", "start", "end"):
+            for whitespace in (False, True):
+                cases[f"trim {ends} of {text}, {whitespace}"] = _trimmed(text, ends, whitespace)
+    return cases
+
+
+def _trimmed(text: str, ends: str, whitespace: bool) -> Case:
+    """How long a string is without what is trimmed."""
+
+    def build(tree: Any) -> Any:
+        trim = _node(
+            tree, "FunctionNodeTrimString", String=text, Characters="x", Whitespace=whitespace, Start=ends != "end",
+            End=ends != "start",
+        )  # fmt: skip
+        return _node(tree, "FunctionNodeStringLength", String=trim.outputs[0]).outputs[0]
 
     return build
 
@@ -368,6 +436,24 @@ def test_switches_and_whole_numbers_are_those_of_cycles(blender: Any, tmp_path: 
     if blender.app.version < (5, 3):
         pytest.skip("these nodes are of Blender 5.3")
     assert _differing(blender, _new_cases(), tmp_path) == {}
+
+
+def test_formats_bases_and_trimming_are_those_of_cycles(blender: Any, tmp_path: Path) -> None:
+    if blender.app.version < (5, 3):
+        pytest.skip("these nodes are of Blender 5.3")
+    cases = _format_cases()
+    columns = _build_sheet(blender, cases)
+    theirs = _rendered(blender.context.scene, "CYCLES", tmp_path / "cycles.exr")[::-1]
+    description = export()
+    assert [notice.problem for notice in description.notices] == [_UNKNOWN_FORMAT] * 2
+    differing = {}
+    for index, (name, material) in enumerate(zip(cases, description.materials, strict=True)):
+        graph = material.graph
+        emission = next(node for node in graph.nodes if node.kind == "ShaderNodeEmission")
+        ours, shown = emission.inputs["Color"], theirs[index // columns * _SQUARE + 1, index % columns * _SQUARE + 1]
+        if name not in _UNKNOWN and not np.allclose(ours[:3], shown, rtol=1e-5):
+            differing[name] = (ours, shown.tolist())
+    assert differing == {}
 
 
 def test_nodes_that_cycles_does_not_know_are_as_in_cycles(blender: Any, tmp_path: Path) -> None:

@@ -77,11 +77,48 @@ def test_tiles_are_images(node: Any, tmp_path: Path, mark: str, is_packed: bool)
         assert ["tile 1003" in notice.problem for notice in again.notices] == [True]
 
 
-def test_tiles_that_were_never_saved_are_named(node: Any) -> None:
+@pytest.mark.parametrize("is_packed", [False, True])
+def test_unsaved_paint_is_shown(node: Any, tmp_path: Path, is_packed: bool) -> None:
     import bpy
 
-    node.image = bpy.data.images.new("Tiles", 2, 2, tiled=True)
-    node.image.tiles.new(tile_number=1002)
+    from addon.export import ExportCache
+
+    for number in (1001, 1002):
+        write(tmp_path / f"tile.{number}.png", 10)
+    image = node.image = bpy.data.images.load(str(tmp_path / "tile.<UDIM>.png"))
+    image.source = "TILED"
+    if is_packed:
+        image.pack()
+    cache = ExportCache()
+
+    def reds() -> dict[int, int]:
+        description = export(cache=cache)
+        assert not description.notices
+        return {number: int(description.images[i].pixels[0, 0, 0]) for number, i in shown(description).tiles}
+
+    assert reds() == {1001: 10, 1002: 10}
+    for red in (70, 80):
+        image.pixels.foreach_set(np.tile(np.float32([red / 255.0, 0.0, 0.0, 1.0]), 6))
+        assert reds() == {1001: red, 1002: 10}
+    assert image.is_dirty and image.filepath_raw == str(tmp_path / "tile.<UDIM>.png")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["tile.1001.png", "tile.1002.png"]
+
+
+@pytest.mark.parametrize("is_float", [False, True])
+def test_tiles_that_were_never_saved_are_shown(node: Any, is_float: bool) -> None:
+    import bpy
+
+    image = node.image = bpy.data.images.new("Tiles", 2, 2, tiled=True, float_buffer=is_float)
+    image.tiles.new(tile_number=1002)
+    image.tiles.active_index = 1
+    with bpy.context.temp_override(edit_image=image):
+        bpy.ops.image.tile_fill(color=(1.0, 0.0, 0.0, 1.0), width=4, height=4, float=is_float)
+    if is_float:
+        image.pixels.foreach_set(np.tile(np.float32([2.5, 0.1, 0.0, 1.0]), 4))
     description = export()
-    assert [number for number, _ in shown(description).tiles] == [1001, 1002]
-    assert any("tile 1002" in notice.problem for notice in description.notices)
+    assert not description.notices
+    first, second = (description.images[i].pixels for _, i in shown(description).tiles)
+    assert first.shape[:2] == (2, 2) and second.shape[:2] == (4, 4)
+    np.testing.assert_allclose(first[0, 0], (2.5, 0.1, 0.0, 1.0) if is_float else (0, 0, 0, 255), rtol=1e-6)
+    assert second[0, 0].tolist() == ([1.0, 0.0, 0.0, 1.0] if is_float else [255, 0, 0, 255])
+    assert image.file_format == "PNG"
