@@ -18,10 +18,13 @@ from benchmarks.scenes import (
     geometry,
     hair,
     inlined,
+    lamp_switches,
     lights,
     limits,
     linked,
     linked_closures,
+    local_lamps,
+    many_blockers,
     matter,
     matter_indoors,
     matter_large,
@@ -47,8 +50,8 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
-    "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
-    "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies",
-    "spectral", "subsurface", "textures", "wax",
+    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lamp_switches", "lights",
+    "limits", "linked", "linked_closures", "local_lamps", "many_blockers", "matter", "matter_indoors", "matter_large",
+    "media", "motion", "moving_strands", "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled",
+    "ray_portals", "rooms", "shape_data", "skies", "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip
