@@ -70,7 +70,7 @@ class LightExporter:
             shared = self._shared[address] = self._read(data, name)
         return Light(
             key=("light", key), name=name, transform=transform, visibility=visibility, light_group=light_group,
-            random=random, **shared,
+            random=random, object_color=tuple(light_object.color), pass_index=light_object.pass_index, **shared,
         )
 
     def _read(self, data: bpy.types.Light, name: str) -> dict[str, Any]:

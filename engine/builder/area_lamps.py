@@ -27,6 +27,22 @@ def _unit_as_cycles(vectors: np.ndarray) -> np.ndarray:
     return np.where(is_usable, single * inverse, unit(vectors)).astype(np.float64)
 
 
+def _sheared(
+    axis_u: np.ndarray, axis_v: np.ndarray, direction: np.ndarray, length_u: np.ndarray, length_v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which lamps' axes are not at right angles, bool (N,), and half of the box that these cover, (N, 3) [m].
+
+    Rays meet a corner where the distances along both axes are half the lengths (`area_lamp.FLAG_SHEARED`).
+    """
+    cosines = np.stack([(a * b).sum(axis=1) for a, b in ((axis_u, axis_v), (axis_u, direction), (axis_v, direction))])
+    is_sheared = np.abs(cosines).max(axis=0) > 1e-5
+    rows = np.stack([axis_u, axis_v, direction], axis=1)
+    is_sheared &= np.abs(np.linalg.det(rows)) > 1e-6
+    inverse = np.linalg.inv(np.where(is_sheared[:, None, None], rows, np.eye(3)))
+    reach = 0.5 * (np.abs(inverse[:, :, 0]) * length_u[:, None] + np.abs(inverse[:, :, 1]) * length_v[:, None])
+    return is_sheared, np.where(is_sheared[:, None], reach, 0.0)
+
+
 def _convert_areas(lamps: LampColumns, draft: LampDraft) -> None:
     axes, values, bounds = lamps.axes, draft.values, draft.bounds
     is_ellipse = np.isin(lamps.own["shape"], ("DISK", "ELLIPSE"))
@@ -55,21 +71,19 @@ def _convert_areas(lamps: LampColumns, draft: LampDraft) -> None:
     values[:, area_lamp.TAN_SPREAD] = np.where(is_narrow, tangent, 0.0)
     values[:, area_lamp.SPREAD_SCALE] = np.where(is_narrow, spread_scale, 0.0)
     peak = np.where(is_parallel, 1e4, np.where(is_narrow, tangent * spread_scale, 1.0))
-    # A sheared lamp is made rectangular again: its normal is its plane's, on the side of its own -z.
-    axis_u = _unit_as_cycles(along_u)
-    sheared = (unit(along_v) * axis_u).sum(axis=1)
-    straight = unit(along_v - (along_v * axis_u).sum(axis=1)[:, None] * axis_u)
-    axis_v = np.where((abs(sheared) > 1e-6)[:, None], straight, _unit_as_cycles(along_v))
+    axis_u, axis_v = _unit_as_cycles(along_u), _unit_as_cycles(along_v)
     normal = np.cross(axis_u, axis_v)
     is_away = (normal * lamps.direction).sum(axis=1) < 0.0
     direction = np.where(is_away[:, None], -normal, normal)
-    along_v = axis_v * length_v[:, None]
+    is_sheared, reach = _sheared(axis_u, axis_v, lamps.direction, length_u, length_v)
+    direction = np.where(is_sheared[:, None], lamps.direction, direction)
+    draft.flags[is_sheared] |= area_lamp.FLAG_SHEARED
     values[:, area_lamp.AXIS_U : area_lamp.AXIS_U + 3] = axis_u
     values[:, area_lamp.AXIS_V : area_lamp.AXIS_V + 3] = axis_v
     values[:, area_lamp.DIRECTION : area_lamp.DIRECTION + 3] = direction
     values[:, area_lamp.LENGTH_U], values[:, area_lamp.LENGTH_V] = length_u, length_v
     position = lamps.matrix[:, :3, 3]
-    extent = 0.5 * (np.abs(along_u) + np.abs(along_v))
+    extent = np.maximum(0.5 * (np.abs(along_u) + np.abs(along_v)), reach)
     bounds[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = position - extent
     bounds[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = position + extent
     bounds[:, lt.BOUNDS_ENERGY] = radiance * area * peak

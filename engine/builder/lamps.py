@@ -61,6 +61,10 @@ class Lamps:
         return 2 * self.is_distant.astype(np.int64) + is_delta
 
 
+#: Of a lamp whose program has given nothing where it was looked at.
+_ESTIMATE_OF_UNSEEN = 0.05
+
+
 def _draft(lamps: LampColumns) -> LampDraft:
     count = len(lamps.index)
     draft = LampDraft(
@@ -157,7 +161,9 @@ def _apply_programs(lamps: LampColumns, colors: np.ndarray, programs: np.ndarray
     lamps.temperature[has_program] = np.where(is_body, of_body, kept)
     is_constant = info.emission_is_constant[own]
     lamps.strength[has_program] *= np.where(is_constant[:, None], estimate, 1.0)
-    lamps.estimate[has_program] = np.where(is_constant[:, None], 1.0, estimate)
+    # Nothing where it was looked at is not nothing anywhere.
+    seen = np.where(estimate.any(axis=1)[:, None], estimate, _ESTIMATE_OF_UNSEEN)
+    lamps.estimate[has_program] = np.where(is_constant[:, None], 1.0, seen)
     lamps.program[has_program] = np.where(is_constant, -1, own)
 
 

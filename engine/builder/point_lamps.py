@@ -27,6 +27,9 @@ def _convert_points(lamps: LampColumns, draft: LampDraft) -> None:
     draft.scale = np.where(is_round, 1.0 / (math.pi * area), of_delta)
     intensity = lamps.mean * draft.scale
     values[:, sphere.RADIUS] = radius
+    is_invertible = np.abs(np.linalg.det(lamps.axes)) >= 1e-30
+    axes = np.where(is_invertible[:, None, None], lamps.axes, np.eye(3))
+    values[:, sphere.INVERSE : sphere.INVERSE + 9] = np.linalg.inv(axes).reshape(-1, 9)
     position = lamps.matrix[:, :3, 3]
     bounds[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = position - radius[:, None]
     bounds[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = position + radius[:, None]
@@ -66,7 +69,6 @@ def _convert_spots(lamps: LampColumns, draft: LampDraft) -> None:
     cosine = np.cos(half)
     lengths = np.sqrt((axes * axes).sum(axis=1))
     values[:, sphere.DIRECTION : sphere.DIRECTION + 3] = lamps.direction
-    values[:, sphere.INVERSE : sphere.INVERSE + 9] = np.linalg.inv(axes).reshape(-1, 9)
     values[:, sphere.COSINE] = cosine
     smooth = (1.0 - cosine) * lamps.own["spot_blend"]
     values[:, sphere.BLEND_SCALE] = np.minimum(1e30, 1.0 / np.maximum(smooth, 1e-30))

@@ -14,10 +14,11 @@ from engine.builder.emission import SAMPLING_AUTO, SAMPLING_MODES, ProgramInfo
 from engine.builder.point_batches import PointBatches
 from engine.builder.sky_suns import find_sky_suns
 from engine.kernels.bsdf import BsdfTables
-from engine.scene.description import Light, Link, Material, Node, NodeGraph, Notice, SceneDescription
+from engine.scene.description import Link, Material, Node, NodeGraph, Notice, SceneDescription
 from engine.shaders.aov_columns import aov_columns
 from engine.shaders.compiled_program import AovColumns, ProgramSource
 from engine.shaders.compiler import compile_programs
+from engine.shaders.lamp_facts import facts_of
 from engine.shaders.program_cache import ProgramCache
 from engine.state.geometry import GeometryArrays
 from engine.state.lanes import (
@@ -48,8 +49,6 @@ _DEFAULT_MAP_WIDTH = 1024
 _LARGEST_MAP_WIDTH = 4096
 #: Of a world of one colour, which is sampled through light portals alone.
 _UNIFORM_MAP_WIDTH = 8
-#: Nodes of lamps that read the lamp's own space.
-_LOCAL_NODES = ("ShaderNodeTexIES", "ShaderNodeTexCoord")
 
 
 @dataclass
@@ -203,8 +202,8 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
     for index, light in enumerate(description.lights):
         if light.graph is not None:
             light_programs[index] = len(sources)
-            axes = _lamp_axes(light)
-            sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT", lamp_axes=axes))
+            facts = facts_of(light, light.graph)
+            sources.append(ProgramSource(f"light {light.name}", light.graph, kind="LIGHT", lamp=facts))
     displacement_programs = np.full(len(description.materials), -1, np.int32)
     for index, material in enumerate(description.materials):
         if displaces(material):
@@ -218,15 +217,6 @@ def compile_scene(description: SceneDescription, cache: ProgramCache | None = No
         arrays, attribute_names, notices, default_program, world_program, light_programs, displacement_programs,
         description,
     )
-
-
-def _lamp_axes(light: Light) -> tuple[tuple[float, ...], ...] | None:
-    """Axes of a lamp whose graph reads its own space, so that those of others are compiled once for all places."""
-    assert light.graph is not None
-    if not any(node.kind in _LOCAL_NODES for node in light.graph.nodes):
-        return None
-    axes = np.asarray(light.transform, np.float64)[:3, :3].T
-    return tuple(tuple(row) for row in axes.tolist()) if np.isfinite(axes).all() else None
 
 
 def displaces(material: Material) -> bool:

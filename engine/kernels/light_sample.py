@@ -119,10 +119,11 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     has_program = program >= 0
     if has_program:
         flags |= LIGHT_HAS_PROGRAM
-        out = work.light_points.real
-        # Normals face the receiver, as everywhere; the flag says whether that is the back.
+        out, is_world = work.light_points.real, sample.kind == LIGHT_BACKGROUND
+        # Normals face the receiver, as everywhere; the flag says whether that is the back. A sun's place is the
+        # direction that its light goes in, as in Cycles; the world's that in which it is seen.
         for c in range(3):
-            out[lane, POINT_P + c] = sample.point[c] if distance < FAR else wi[c]
+            out[lane, POINT_P + c] = sample.point[c] if distance < FAR else (wi[c] if is_world else -wi[c])
             out[lane, POINT_WO + c] = -wi[c]
             out[lane, POINT_NG + c] = sample.ng[c]
             out[lane, POINT_NS + c] = sample.ng[c]
@@ -139,6 +140,6 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
         integer[lane, POINT_RAY_FLAGS] = (paths.flags[lane] & ~1) | RAY_EMISSION
         integer[lane, POINT_FLAGS] = POINT_FLAG_BACKFACING if sample.shows_back else 0
         store_depths(paths, lane, paths.transparent_depth[lane], work.light_points, lane)
-        integer[lane, POINT_LIGHT] = -1 if instance >= 0 else 0
+        integer[lane, POINT_LIGHT] = -1 if instance >= 0 or is_world else 0
     samples.flags[lane] = flags
     return has_program

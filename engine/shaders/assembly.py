@@ -85,7 +85,7 @@ def shader_arrays(
         row for row, program in enumerate(compiled) if program.emission is None and sources[row].kind != "DISPLACEMENT"
     ]
     if varying:
-        kinds = [sources[row].kind for row in varying]
-        estimates = estimate_emission(shaders, varying, kinds, len(pools.attribute_names))
+        asked = [(sources[row].kind, sources[row].lamp) for row in varying]
+        estimates = estimate_emission(shaders, varying, asked, len(pools.attribute_names))
         values[varying, layout.VALUE_EMISSION : layout.VALUE_EMISSION + 3] = estimates
     return shaders

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from engine.kernels.shader import ops_input
 from engine.scene.description import NodeGraph, Notice
+from engine.shaders.lamp_facts import LampFacts
 from engine.shaders.medium import Medium
 from engine.shaders.program import Instruction
 from engine.state.shaders import MODE_TRANSPARENCY
@@ -73,8 +74,8 @@ class ProgramSource:
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     #: `Material.displacement_method`.
     displacement_method: str = "BUMP"
-    #: Rows are a lamp's axes, scaled as it is: the matrix of normals from the world to its own space.
-    lamp_axes: tuple[tuple[float, ...], ...] | None = None
+    #: Of the lamp whose program it is, if that asks for any.
+    lamp: LampFacts | None = None
     #: AOVs that the graph gives, if any.
     aovs: tuple[AovColumns, ...] = ()
 

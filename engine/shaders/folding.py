@@ -11,6 +11,7 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.kernels.bsdf.tables import load_tables
 from engine.kernels.shader.interpreter import evaluate_shaders
+from engine.shaders.lamp_facts import LampFacts
 from engine.shaders.program import Constant, Instruction
 from engine.state import geometry as layout
 from engine.state.geometry import GeometryArrays
@@ -139,12 +140,12 @@ def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]
 
 
 def estimate_emission(
-    shaders: ShaderArrays, programs: Sequence[int], kinds: Sequence[str], attribute_count: int
+    shaders: ShaderArrays, programs: Sequence[int], owners: Sequence[tuple[str, LampFacts | None]], attribute_count: int
 ) -> Float32Array:
     """Mean radiance of each program as diffuse light rays see it, for choosing among lights, not for shading.
 
     Materials are seen from the front over a unit square whose every attribute is its UV map; worlds and lights over
-    all directions.
+    all directions, and lights over all places of theirs. `owners` are `ProgramSource.kind` and `lamp`.
     """
     sample_count = _SIDE * _SIDE
     points = allocate_points(sample_count)
@@ -153,11 +154,13 @@ def estimate_emission(
     geometry = stand_in_geometry(attribute_count)
     memory = allocate_memory(shaders)
     result = np.zeros((len(programs), 3), np.float32)
-    for row, (program, kind) in enumerate(zip(programs, kinds, strict=True)):
+    for row, (program, (kind, lamp)) in enumerate(zip(programs, owners, strict=True)):
         if kind == "MATERIAL":
             _spread_over_square(points)
         else:
             _spread_over_sphere(points)
+        if kind == "LIGHT":
+            _spread_over_lamp(points, lamp)
         points.integer[:, POINT_RAY_FLAGS] = RAY_DIFFUSE | RAY_REFLECT | RAY_EMISSION
         points.integer[:, POINT_LIGHT] = 0 if kind == "LIGHT" else -1
         points.integer[:, POINT_PROGRAM] = program
@@ -188,6 +191,16 @@ def _spread_over_square(points: ShadePoints) -> None:
     real[:, POINT_RAY_LENGTH] = 1.0
     integer[:] = 0
     integer[:, POINT_TRIANGLE] = np.where(lower, 0, 1)
+
+
+def _spread_over_lamp(points: ShadePoints, lamp: LampFacts | None) -> None:
+    """From points over a sphere to those of a lamp."""
+    x, y = _grid()
+    real = points.real
+    # (1 - u - v, u) are its coordinates.
+    real[:, POINT_U], real[:, POINT_V] = y, 1.0 - x - y
+    if lamp is not None:
+        real[:, POINT_P : POINT_P + 3] = np.array(lamp.middle) + real[:, POINT_P : POINT_P + 3] @ np.array(lamp.reach)
 
 
 def _spread_over_sphere(points: ShadePoints) -> None:

@@ -24,6 +24,7 @@ from engine.shaders import (
     nodes_texture_math,
 )
 from engine.shaders.arithmetic import Arithmetic
+from engine.shaders.lamp_facts import LampFacts
 from engine.shaders.pools import ScenePools
 from engine.shaders.program import Constant, Instruction, Value
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
@@ -57,20 +58,20 @@ class NodeValues:
         Whether voxels there are interpolated by cubic splines.
     is_displaced : bool
         Whether the surface has been displaced.
-    lamp_axes : tuple or None
-        `ProgramSource.lamp_axes`.
+    lamp : LampFacts or None
+        `ProgramSource.lamp`.
     """
 
     def __init__(
         self, name: str, graph: NodeGraph, pools: ScenePools, *, is_inside: bool = False,
         has_smooth_voxels: bool = False, is_displaced: bool = False,
-        lamp_axes: tuple[tuple[float, ...], ...] | None = None,
+        lamp: LampFacts | None = None,
     ) -> None:
         self.name = name
         self.is_inside = is_inside
         self.has_smooth_voxels = has_smooth_voxels
         self.is_displaced = is_displaced
-        self.lamp_axes = lamp_axes
+        self.lamp = lamp
         self.graph = graph
         self.pools = pools
         self.arithmetic = Arithmetic(pools)
@@ -252,9 +253,9 @@ class NodeBuilder:
         return self._values.pools.attribute_slot(name)
 
     @property
-    def lamp_axes(self) -> tuple[tuple[float, ...], ...] | None:
-        """`ProgramSource.lamp_axes`."""
-        return self._values.lamp_axes
+    def lamp(self) -> LampFacts | None:
+        """`ProgramSource.lamp`."""
+        return self._values.lamp
 
     @property
     def to_xyz(self) -> Float32Array | None:

@@ -33,6 +33,7 @@ from engine.scene.attribute_names import (
     UNDISPLACED_NORMALS,
 )
 from engine.scene.description import Node
+from engine.shaders import nodes_lamp as of_lamp
 from engine.shaders.options import choice, flag, is_choice
 from engine.shaders.table import COLOR, FLOAT, VECTOR, Implicit, NodeTable, Operation, Socket, SocketType
 from engine.state.lanes import (
@@ -99,10 +100,13 @@ def uv(name: str) -> Callable[[Node, Any], Operation]:
     return lower
 
 
+_generated = of_lamp.or_of_lamp(displaced(ops.OP_GENERATED), of_lamp.local_place)
+
+
 def _object_coordinate(node: Node, builder: Any) -> Operation:
     matrix = node.properties.get("object_matrix")
     if matrix is None:
-        return displaced(ops.OP_OBJECT_COORDINATE)(node, builder)
+        return of_lamp.or_of_lamp(displaced(ops.OP_OBJECT_COORDINATE), of_lamp.local_place)(node, builder)
     position = Socket("", VECTOR, Implicit.POSITION)
     table = builder.add_table(np.asarray(matrix, np.float32)[:3])
     return Operation(ops.OP_TRANSFORM_POINT, (position,), (Socket("", VECTOR),), (table, 0))
@@ -278,26 +282,12 @@ _TRANSFORMS = ("VECTOR", "POINT", "NORMAL")
 _FRAMES = ("WORLD", "OBJECT", "CAMERA")
 
 
-def _of_lamp(builder: Any, source: Implicit) -> Operation:
-    """A direction as the lamp sees it whose program this is."""
-    table = builder.add_table(np.hstack([builder.lamp_axes, np.zeros((3, 1))]))
-    return Operation(ops.OP_TRANSFORM_POINT, (Socket("", VECTOR, source),), (Socket("", VECTOR),), (table, 1))
-
-
 def _local_incoming(node: Node, builder: Any) -> Operation:
-    if builder.lamp_axes is not None:
-        return _of_lamp(builder, Implicit.INCOMING)
     immediates = tuple(choices.index(name) for choices, name in (
         (_TRANSFORMS, "NORMAL"), (_FRAMES, "WORLD"), (_FRAMES, "OBJECT")
     ))  # fmt: skip
     inputs = (Socket("", VECTOR, Implicit.INCOMING),)
     return Operation(ops.OP_VECTOR_TRANSFORM, inputs, (Socket("", VECTOR),), immediates, is_varying=True)
-
-
-def _object_normal(node: Node, builder: Any) -> Operation:
-    if builder.lamp_axes is not None:
-        return _of_lamp(builder, Implicit.NORMAL)
-    return displaced(ops.OP_OBJECT_NORMAL)(node, builder)
 
 
 def _vector_transform(node: Node, builder: Any) -> Operation:
@@ -307,6 +297,13 @@ def _vector_transform(node: Node, builder: Any) -> Operation:
         choice(node, builder, "convert_to", _FRAMES, "OBJECT"),
     )
     inputs = (Socket("Vector", VECTOR, (0.5, 0.5, 0.5)),)
+    frames = {_FRAMES[code] for code in immediates[1:]}
+    if builder.lamp is not None and frames == {"WORLD", "OBJECT"}:
+        return of_lamp.transform_by_lamp(
+            builder, inputs[0], _TRANSFORMS[immediates[0]], to_lamp=_FRAMES[immediates[2]] == "OBJECT"
+        )
+    if builder.lamp is not None and frames == {"CAMERA", "OBJECT"}:
+        builder.notice("between a lamp's own space and the camera's is not supported", "the world's space instead")
     return Operation(ops.OP_VECTOR_TRANSFORM, inputs, (Socket("Vector", VECTOR),), immediates, is_varying=True)
 
 
@@ -339,7 +336,6 @@ def _scene_time(node: Node, builder: Any) -> Operation:
     names = {"Seconds": "seconds", "Frame": "frame"}
     inputs = tuple(Socket("", FLOAT, float(node.properties.get(name, 0.0))) for name in names.values())
     return Operation(-1, inputs, tuple(Socket(name, FLOAT) for name in names))
-
 
 
 NODES: NodeTable = {
@@ -390,8 +386,8 @@ def _rename(operation: Operation, identifier: str) -> Operation:
 OUTPUTS: dict[str, Outputs] = {
     "ShaderNodeTexCoord": Outputs(
         {
-            "Generated": _from_instancer(0, displaced(ops.OP_GENERATED)),
-            "Normal": _object_normal,
+            "Generated": _from_instancer(0, _generated),
+            "Normal": of_lamp.or_of_lamp(displaced(ops.OP_OBJECT_NORMAL), of_lamp.local_normal),
             "UV": _from_instancer(1, uv("")),
             "Object": _object_coordinate,
             "Camera": displaced(ops.OP_CAMERA_COORDINATE),
@@ -414,12 +410,12 @@ OUTPUTS: dict[str, Outputs] = {
     ),
     "ShaderNodeObjectInfo": Outputs(
         {
-            "Location": read(ops.OP_OBJECT_VECTOR, VECTOR, 0),
-            "Color": read(ops.OP_OBJECT_VECTOR, COLOR, 1),
-            "Alpha": _object_float(lp.OBJECT_ALPHA),
-            "Object Index": _object_float(lp.OBJECT_INDEX),
+            "Location": of_lamp.or_of_lamp(read(ops.OP_OBJECT_VECTOR, VECTOR, 0), of_lamp.location),
+            "Color": of_lamp.or_of_lamp(read(ops.OP_OBJECT_VECTOR, COLOR, 1), of_lamp.color),
+            "Alpha": of_lamp.or_of_lamp(_object_float(lp.OBJECT_ALPHA), of_lamp.alpha),
+            "Object Index": of_lamp.or_of_lamp(_object_float(lp.OBJECT_INDEX), of_lamp.pass_index),
             "Material Index": _object_float(lp.OBJECT_MATERIAL_INDEX),
-            "Random": _object_float(lp.OBJECT_RANDOM),
+            "Random": of_lamp.or_of_lamp(_object_float(lp.OBJECT_RANDOM), of_lamp.random),
         }
     ),
     "ShaderNodeLightPath": Outputs(
@@ -478,9 +474,9 @@ OUTPUTS: dict[str, Outputs] = {
 IMPLICIT: dict[Implicit, Callable[[Node, Any], Operation]] = {
     Implicit.NORMAL: read(ops.OP_NORMAL, VECTOR),
     Implicit.INCOMING: read(ops.OP_INCOMING, VECTOR),
-    Implicit.LOCAL_INCOMING: _local_incoming,
+    Implicit.LOCAL_INCOMING: of_lamp.or_of_lamp(_local_incoming, of_lamp.local_incoming),
     Implicit.POSITION: displaced(ops.OP_POSITION),
-    Implicit.GENERATED: displaced(ops.OP_GENERATED),
+    Implicit.GENERATED: _generated,
     Implicit.UV: uv(""),
     Implicit.TANGENT: read(ops.OP_TANGENT, VECTOR, 2, ops.TANGENT_OF_CURVES, -3),
     Implicit.CURVE_NORMAL: lambda node, builder: attribute(builder, builder.attribute_slot("curve_normal"), _UNNAMED),

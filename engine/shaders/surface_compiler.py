@@ -44,7 +44,7 @@ class SurfaceCompiler:
             self._graph, self._replaced = with_dispersing_facets(self._graph)
         is_displaced = source.displacement_method != "BUMP" and self._graph.displacement is not None
         self._values = NodeValues(
-            source.name, self._graph, pools, is_displaced=is_displaced, lamp_axes=source.lamp_axes
+            source.name, self._graph, pools, is_displaced=is_displaced, lamp=source.lamp
         )
         self._arithmetic = self._values.arithmetic
         self._code = self._arithmetic.code

@@ -77,7 +77,8 @@ def _place(lights, paths, points, lane, row, origin, wi, distance):
     ng, u, v = lamp_place(lights, row, origin, wi, distance)
     real, integer = points.real, points.integer
     for c in range(3):
-        real[lane, POINT_P + c] = origin[c] + distance * wi[c] if distance < FAR else wi[c]
+        # A sun's place is the direction that its light goes in, as in Cycles.
+        real[lane, POINT_P + c] = origin[c] + distance * wi[c] if distance < FAR else -wi[c]
         real[lane, POINT_WO + c] = -wi[c]
         real[lane, POINT_NG + c] = ng[c]
         real[lane, POINT_NS + c] = ng[c]

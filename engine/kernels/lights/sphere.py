@@ -26,6 +26,7 @@ from engine.state.lights import (
     LAMP_KIND,
     LAMP_KIND_COLUMNS,
     LAMP_P,
+    LAMP_PROGRAM,
 )
 
 POINT = FIRST_LAMP
@@ -34,7 +35,7 @@ SPOT = FIRST_LAMP + 1
 #: A sphere, else a disc that faces the receiver (soft falloff).
 FLAG_SPHERE = LAMP_FLAG_OF_KIND
 
-# Columns of `LightArrays.lamps`; spots have all of them.
+# Columns of `LightArrays.lamps`; spots have all of them, points RADIUS and INVERSE.
 RADIUS = LAMP_KIND_COLUMNS
 #: Where it emits to.
 DIRECTION = LAMP_KIND_COLUMNS + 1
@@ -49,19 +50,18 @@ ONE_MINUS_COS = LAMP_KIND_COLUMNS + 15
 
 
 @kernel
+def _to_local(lamps, row, w):
+    """A direction of the world in the lamp's own space, not normalised."""
+    x = lamps[row, INVERSE] * w[0] + lamps[row, INVERSE + 1] * w[1] + lamps[row, INVERSE + 2] * w[2]
+    y = lamps[row, INVERSE + 3] * w[0] + lamps[row, INVERSE + 4] * w[1] + lamps[row, INVERSE + 5] * w[2]
+    z = lamps[row, INVERSE + 6] * w[0] + lamps[row, INVERSE + 7] * w[1] + lamps[row, INVERSE + 8] * w[2]
+    return x, y, z
+
+
+@kernel
 def spot_attenuation(lamps, row, wi):
     """What a spot's cone lets through towards -wi, 0 to 1: a smooth step over the blend, in the lamp's own space."""
-    x = lamps[row, INVERSE] * wi[0] + lamps[row, INVERSE + 1] * wi[1] + lamps[row, INVERSE + 2] * wi[2]
-    y = (
-        lamps[row, INVERSE + 3] * wi[0]
-        + lamps[row, INVERSE + 4] * wi[1]
-        + lamps[row, INVERSE + 5] * wi[2]
-    )
-    z = (
-        lamps[row, INVERSE + 6] * wi[0]
-        + lamps[row, INVERSE + 7] * wi[1]
-        + lamps[row, INVERSE + 8] * wi[2]
-    )
+    x, y, z = _to_local(lamps, row, wi)
     norm = math.sqrt(x * x + y * y + z * z)
     if not norm > 0.0:
         return 0.0 * norm
@@ -206,7 +206,8 @@ def sample_sphere(lights, row, receiver, u0, u1):
             along = center_distance * dot(axis, wi)
             t = along + math.sqrt(max(0.0, radius * radius - squared + along * along))
         ng = normalize(add(from_center, scale(wi, t)))
-        return LampPoint(pdf, wi, t, ng, leaving_sphere(lights, row, p, wi), none, none)
+        u, v = coordinates_on_sphere(lights, row, ng, wi)
+        return LampPoint(pdf, wi, t, ng, leaving_sphere(lights, row, p, wi), u, v)
 
     x, y = concentric_disk(u0, u1)
     tangent, bitangent = orthonormal_basis(axis)
@@ -215,21 +216,47 @@ def sample_sphere(lights, row, receiver, u0, u1):
     wi = scale(to_point, 1.0 / t)
     factor = leaving_sphere(lights, row, p, wi)
     ng = (-wi[0], -wi[1], -wi[2])
+    u, v = coordinates_on_sphere(lights, row, ng, wi)
     if radius > 0.0:
         pdf = t * t / (PI * radius * radius * max(1e-20, dot(axis, wi)))
-        return LampPoint(pdf, wi, t, ng, factor, none, none)
-    return LampPoint(0.0 * pdf + 1.0, wi, t, ng, factor / (t * t), none, none)
+        return LampPoint(pdf, wi, t, ng, factor, u, v)
+    return LampPoint(0.0 * pdf + 1.0, wi, t, ng, factor / (t * t), u, v)
+
+
+@kernel
+def coordinates_on_sphere(lights, row, ng, wi):
+    """Texture coordinates u and v, which only programs read: of points the two angles, of spots as they project.
+
+    Barycentrics in Cycles' manner, in the lamp's own space; `ng` is the normal, `wi` leads towards the lamp.
+    """
+    lamps, none = lights.lamps, 0.0 * ng[0]
+    if lights.lamp_table[row, LAMP_PROGRAM] < 0:
+        return none, none
+    if lights.lamp_table[row, LAMP_KIND] == SPOT:
+        x, y, z = _to_local(lamps, row, wi)
+        # Seen along the cone its width is 1.
+        cosine = lamps[row, COSINE]
+        scaled = 0.5 * cosine / math.sqrt(max(1e-20, 1.0 - cosine * cosine)) / z if z != 0.0 else none
+        return 0.5 - y * scaled, (x + y) * scaled
+    x, y, z = _to_local(lamps, row, ng)
+    norm = math.sqrt(x * x + y * y + z * z)
+    if not norm > 0.0:
+        return none, none + 1.0
+    u = 0.5 - math.atan2(x, y) * (0.5 * INV_PI)
+    v = 1.0 - math.acos(min(1.0, max(-1.0, z / norm))) * INV_PI
+    return v, 1.0 - u - v
 
 
 @kernel
 def place_sphere(lights, row, origin, direction, t):
     """See `Lamp.place`: discs face the ray."""
-    lamps, none = lights.lamps, 0.0 * t
+    lamps = lights.lamps
     ng = (-direction[0], -direction[1], -direction[2])
     if lights.lamp_table[row, LAMP_FLAGS] & FLAG_SPHERE:
         center = (lamps[row, LAMP_P], lamps[row, LAMP_P + 1], lamps[row, LAMP_P + 2])
         ng = normalize(add(subtract(origin, center), scale(direction, t)))
-    return ng, none, none
+    u, v = coordinates_on_sphere(lights, row, ng, direction)
+    return ng, u, v
 
 
 POINT_LAMP = Lamp(POINT, False, sample_sphere, sphere_pdf, hit_sphere, leaving_sphere, place_sphere)

@@ -10,6 +10,7 @@ from engine.state.lanes import (
     POINT_DIFFUSE_DEPTH,
     POINT_GLOSSY_DEPTH,
     POINT_INSTANCE,
+    POINT_LIGHT,
     POINT_PATH_DEPTH,
     POINT_PROGRAM,
     POINT_RAY_FLAGS,
@@ -62,9 +63,15 @@ def light_path(points, lane, kind):
 
 
 @kernel
-def camera_coordinate(camera, instance, p):
+def is_of_world(points, lane):
+    """Whether the background is looked at, whose places are directions."""
+    return points.integer[lane, POINT_INSTANCE] < 0 and points.integer[lane, POINT_LIGHT] < 0
+
+
+@kernel
+def camera_coordinate(camera, points, lane, p):
     """Camera space (z forward) of world point `p`; for the background `p` is a direction."""
-    if instance < 0:
+    if is_of_world(points, lane):
         p = add(p, (camera[CAMERA_TO_WORLD, 3], camera[CAMERA_TO_WORLD, 7], camera[CAMERA_TO_WORLD, 11]))
     return transform_point(camera, CAMERA_WORLD_TO_CAMERA, p)
 
@@ -72,7 +79,7 @@ def camera_coordinate(camera, instance, p):
 @kernel
 def window_coordinate(camera, points, lane, p):
     """Image coordinates in [0, 1] of world point `p`."""
-    if points.integer[lane, POINT_INSTANCE] < 0:
+    if is_of_world(points, lane):
         p = add(p, (camera[CAMERA_TO_WORLD, 3], camera[CAMERA_TO_WORLD, 7], camera[CAMERA_TO_WORLD, 11]))
     h = transform_point(camera, CAMERA_WORLD_TO_NDC, p)
     if h[2] == 0.0:

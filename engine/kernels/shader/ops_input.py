@@ -14,7 +14,7 @@ from engine.kernels.memory import read3, write3
 from engine.kernels.motion import point_to_world
 from engine.kernels.rounds import shape_at
 from engine.kernels.shader.grids import sample_alpha, sample_grid
-from engine.kernels.shader.light_path import camera_coordinate, light_path, object_float, window_coordinate
+from engine.kernels.shader.light_path import camera_coordinate, is_of_world, light_path, object_float, window_coordinate
 from engine.kernels.shader.normal_ops import bump, fresnel_dielectric, normal_map, vector_transform
 from engine.kernels.shader.opcodes import DISPLACEMENT_FIRST, INPUT_FIRST
 from engine.kernels.shader.ops_displacement import run_displacement_op
@@ -245,7 +245,7 @@ def run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera):
     elif opcode == OP_OBJECT_COORDINATE:
         value = to_object(geometry, instance, time, displaced_position(points, lane, axis, width))
     elif opcode == OP_CAMERA_COORDINATE:
-        value = camera_coordinate(camera, instance, displaced_position(points, lane, axis, width))
+        value = camera_coordinate(camera, points, lane, displaced_position(points, lane, axis, width))
     elif opcode == OP_WINDOW:
         value = window_coordinate(camera, points, lane, displaced_position(points, lane, axis, width))
     elif opcode == OP_PARAMETRIC:
@@ -362,7 +362,7 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
             run_coordinate(opcode, code, pc, memory, geometry, points, lane, camera)
     elif opcode == OP_REFLECTION:
         wo = read_point(points, lane, POINT_WO)
-        if points.integer[lane, POINT_INSTANCE] >= 0:
+        if not is_of_world(points, lane):
             n = read_point(points, lane, POINT_NS)
             wo = subtract(scale(n, 2.0 * dot(n, wo)), wo)
         write3(memory, code[pc + 2], wo)
