@@ -402,11 +402,9 @@ def build_scene(
     check_frame(description.frame)
     check_links(description)
     check_memory(description)
-    notices = list(description.notices)
     programs = compile_scene(description, cache.programs)
-    notices += programs.notices
+    notices = [*description.notices, *programs.notices]
     attribute_names = _attribute_names(description, programs)
-
     check_cancel()
     tables = load_tables(description.to_xyz)
     link_used(WAVELENGTH_COUNT if settings.spectral == "ON" or description.has_dispersion else RGB)

@@ -222,11 +222,9 @@ class Instances:
     #: (N, 3) Generated and UV coordinates of the instancer (particles, geometry nodes), zero elsewhere.
     dupli_generated: Float32Array
     dupli_uv: Float32Array  # (N, 2)
-    #: (N,) cosine below which shadow rays start off a smooth surface (Blender's Shadow Terminator Geometry Offset),
-    #: 0 = never; None = 0 for all.
+    #: (N,) Blender's Shadow Terminator Offsets, None = 0 for all. Geometry: cosine below which shadow rays start off a
+    #: smooth surface. Shading: in [0, 1].
     terminator_offset: Float32Array | None = None
-    #: (N,) in [0, 1]: how far light that comes in flat is taken away (Blender's Shadow Terminator Shading Offset);
-    #: None = 0 for all.
     shading_offset: Float32Array | None = None
     #: By index, for instances that move while the shutter is open: object to world at evenly spaced times from its
     #: opening to its closing, float32 (S, 4, 4), two or more. `transform` is that at the middle.
@@ -241,13 +239,13 @@ class Instances:
     #: (N, 4) each: what Attribute nodes read of objects and their instancers, by 'object:name' and 'instancer:name'.
     properties: dict[str, Float32Array] = field(default_factory=dict)
 
-
-# Lights: Blender's units; engine.builder.lamps converts.
-
     @property
     def has_catchers(self) -> bool:
         """Whether there are shadow catchers."""
         return self.is_shadow_catcher is not None and bool(self.is_shadow_catcher.any())
+
+
+# Lights: Blender's units; engine.builder.lamps converts.
 
 
 @dataclass
@@ -279,9 +277,7 @@ class Light:
     spread : float
         [rad] area: pi = all directions.
     graph : NodeGraph or None
-        Emission multiplies the light's strength; None = plain.
-    random, object_color, pass_index
-        In [0, 1); linear, with alpha; what its graph may read of the object.
+        Emission multiplies the light's strength; None = plain. It may read `random`, in [0, 1), and what follows there.
     """
 
     key: Hashable
