@@ -13,6 +13,7 @@ from benchmarks.scenes import (
     displaced_followers,
     failing_media,
     failures,
+    fast_gi,
     flat_hair,
     furnished,
     geometry,
@@ -47,8 +48,9 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "culled", "displaced", "displaced_followers",
-    "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
-    "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
+    "failing_media", "failures", "fast_gi", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits",
+    "linked", "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands",
+    "node_rays",
     "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies",
     "spectral", "subsurface", "textures", "wax",
 ]  # fmt: skip

@@ -298,6 +298,8 @@ def _assemble(
     values[:, layout.VALUE_UV : layout.VALUE_UV + 2] = instances.dupli_uv
     if instances.terminator_offset is not None:
         values[:, layout.VALUE_TERMINATOR] = instances.terminator_offset
+    if instances.occlusion_distance is not None:
+        values[:, layout.VALUE_OCCLUSION] = instances.occlusion_distance
     values[:, layout.VALUE_DENSITY] = 1.0 if instances.medium_density is None else instances.medium_density
 
     mesh_table = shapes.mesh_table.copy()

@@ -33,7 +33,9 @@ VALUE_UV = 8
 VALUE_TERMINATOR = 10
 #: Factor on the density of media inside that vary.
 VALUE_DENSITY = 11
-VALUE_WIDTH = 12
+#: How far short rays look that leave it [m], 0 = as far as others.
+VALUE_OCCLUSION = 12
+VALUE_WIDTH = 13
 
 #: Vertices of this instance's mesh are stored in world space (its only user): hits need no transform.
 INSTANCE_FLAG_BAKED = 1

@@ -28,7 +28,9 @@ SCENE_HAS_SUBSURFACE = 17  # light that goes in below surfaces
 SCENE_HAS_HIDDEN_LAMPS = 18  # scattered rays find lamps through what casts no shadow in their light
 SCENE_HAS_VARYING_LAMPS = 19  # programs tell what lamps emit that rays may meet
 SCENE_HAS_PORTALS = 20  # surfaces behind which rays go on elsewhere
-SCENE_HEADER_WIDTH = 21
+SCENE_SHORTENS = 21  # later bounces look at what is near alone (`FastGi.bounces`)
+SCENE_ADDS_LIGHT = 22  # surfaces receive light for what does not hide the sky (`FastGi.added`)
+SCENE_HEADER_WIDTH = 23
 
 # UnitView.header
 UNIT_SEED = 0
@@ -111,6 +113,7 @@ class ClockEntries(NamedTuple):
     connect_lights: int
     attenuate_shadows: int
     intersect_shadow: int
+    fast_gi: int
     occlusion: int
     scatter: int
     walk_subsurface: int
