@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from engine.render.session import Session
-from engine.scene.description import World
+from engine.scene.description import Link, Node, World
 from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
-from tests.helpers.small_scenes import floor_scene, material, sun
+from tests.helpers.media_scenes import volume_graph
+from tests.helpers.small_scenes import floor_scene, material
 
 #: A wall of 50 m at y = 3 m.
 WALL = np.array([[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 0], [0, 0, 0, 1]], np.float32)
@@ -85,6 +86,16 @@ def test_short_rays_find_what_glows_near_and_nothing_of_what_is_far() -> None:
     assert shown.mean() == pytest.approx(ALBEDO * hidden.mean(), abs=0.01)
 
 
+def test_media_go_on_behind_the_end_of_short_rays() -> None:
+    """As in Cycles, for which a ray that meets nothing has no end: of the sky nothing is left."""
+    scene = scene_of(FastGi(1, 1.0))
+    ink = volume_graph("Absorption", Color=(0.0, 0.5, 0.9, 1.0), Density=0.02)
+    ink.nodes.append(Node("ShaderNodeBackground", "Background", {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": 1.0}))
+    ink.surface = Link(1, "Background")
+    scene.world = World("ink", "Ink", ink)
+    assert picture(scene) == pytest.approx(0.0, abs=1e-6)
+
+
 def test_added_light_is_white_and_comes_at_every_bounce() -> None:
     """A floor that sees nothing but the sky has one bounce; nothing else gives light."""
     colors = [material(color=(0.6, 0.3, 0.1))]
@@ -109,10 +120,3 @@ def test_added_light_is_what_is_free_of_the_hemisphere_and_in_no_pass_but_the_pi
 def test_added_light_is_clamped_before_the_surface_weighs_it(limit: float) -> None:
     shown = picture(scene_of(FastGi(added=4.0), has_sky=False), clamp_direct=limit)
     assert shown == pytest.approx(4.0 * ALBEDO * (limit or 1.0), rel=1e-5)
-
-
-def test_light_samples_have_no_say_in_how_occlusion_is_clamped() -> None:
-    """Light that is as dim as this is sampled half the time, and then counts twice."""
-    scene = floor_scene(lights=[sun(0.0314)], size=(16, 16))
-    images = render(scene, ("Combined", "Ambient Occlusion"), clamp_direct=1.5).passes
-    assert np.allclose(images["Ambient Occlusion"], 1.0)
