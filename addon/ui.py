@@ -13,6 +13,7 @@ from engine.settings import EXPERIMENT_SECTIONS
 from . import guiding_panels, preferences, sampling_panels, simplify_panels
 from .dispersion import can_disperse, disperses_by_node
 from .engine import NeuralGuideRenderEngine
+from .fast_gi_panel import NEURALGUIDE_PT_light_paths_fast_gi
 from .panel_parts import RenderPanel, draw_presets, draw_section, draw_shared
 from .passes import requested_mattes
 from .shared_settings import setting_value
@@ -70,6 +71,7 @@ _CYCLES_PANELS = (
     "CYCLES_OBJECT_PT_visibility_ray_visibility",
     "CYCLES_OBJECT_PT_visibility_culling",
     "CYCLES_OBJECT_PT_shading",  # Blender 3 and 4: later it is OBJECT_PT_shading
+    "CYCLES_OBJECT_PT_shading_gi_approximation",
     "CYCLES_OBJECT_PT_lightgroup",
 )
 
@@ -428,6 +430,7 @@ CLASSES = (
     *sampling_panels.PANELS,
     *guiding_panels.CLASSES,
     NEURALGUIDE_PT_light_paths,
+    NEURALGUIDE_PT_light_paths_fast_gi,
     *simplify_panels.PANELS,
     NEURALGUIDE_PT_motion_blur,
     NEURALGUIDE_PT_motion_blur_curve,

@@ -60,7 +60,6 @@ def unsupported_settings(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer
             "pixel jitter is not supported",
             "the same places in the pixel in every frame",
         ),
-        (cycles.use_fast_gi, "fast global illumination is not supported", "light is followed as far as ever"),
         (cycles.shading_system, "Open Shading Language is not supported", "built-in nodes alone"),
         (cycles.device == "GPU", "rendering on the GPU is not supported", "the CPU renders"),
     ):

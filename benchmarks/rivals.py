@@ -104,6 +104,10 @@ class Rival:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
+#: Custom property of a scene: whether it wants Fast GI by itself.
+_OWN_FAST_GI = "benchmarks_own_fast_gi"
+
+
 def is_denoised(name: str) -> bool:
     """Whether the rival called `name` denoises its picture."""
     return name.endswith(DENOISED)
@@ -124,12 +128,20 @@ def _denoise(scene: Any) -> None:
         layer.cycles.use_denoising = True
 
 
+def _wants_fast_gi(scene: Any) -> bool:
+    """Whether the scene itself wants Fast GI, which an earlier rival may have changed."""
+    if _OWN_FAST_GI not in scene:
+        scene[_OWN_FAST_GI] = scene.cycles.use_fast_gi
+    return bool(scene[_OWN_FAST_GI])
+
+
 def _configure_common(scene: Any, budget: Budget, seed: int, threads: int) -> None:
     cycles = scene.cycles
     cycles.samples = UNLIMITED_SAMPLES if budget.seconds else budget.samples
     cycles.time_limit = budget.seconds
     cycles.seed, cycles.use_animated_seed = seed, False
     cycles.use_denoising = False
+    cycles.use_fast_gi = _wants_fast_gi(scene)
     cycles.use_adaptive_sampling = budget.noise_threshold > 0.0
     cycles.adaptive_threshold, cycles.adaptive_min_samples = budget.noise_threshold, 0
     render = scene.render
@@ -156,7 +168,7 @@ def _configure_cycles(is_guided: bool, is_fast: bool) -> Callable[[Any, Budget, 
         scene.cycles.device = "CPU"
         scene.cycles.use_guiding = is_guided
         # As Blender has it: behind the first bounce the world's light stands for the rest.
-        scene.cycles.use_fast_gi = is_fast
+        scene.cycles.use_fast_gi = is_fast or _wants_fast_gi(scene)
 
     return configure
 

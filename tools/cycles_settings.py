@@ -80,8 +80,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "transparent_max_bounces"),
             *_rows("works", "sample_clamp_direct sample_clamp_indirect blur_glossy"),
             *_rows("works", "caustics_reflective caustics_refractive"),
-            *_rows("said", "use_fast_gi"),
-            *_rows("no", "fast_gi_method ao_bounces ao_bounces_render", "belong to Fast GI Approximation"),
+            *_rows("works", "use_fast_gi fast_gi_method ao_bounces ao_bounces_render"),
         ),
     ),
     (
@@ -153,7 +152,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "use_motion_blur use_deform_motion motion_steps"),
             *_rows("works", "shadow_terminator_geometry_offset shadow_terminator_offset"),
             *_rows("works", "use_camera_cull use_distance_cull"),
-            *_rows("no", "ao_distance", "belongs to Fast GI Approximation"),
+            *_rows("works", "ao_distance"),
             *_rows("no", "is_caustics_caster is_caustics_receiver", "caustics are found by paths"),
         ),
     ),

@@ -29,6 +29,7 @@ from engine.scene.description import (
 
 from ..versions import read_setting
 from .context import ExportContext
+from .fast_gi import occlusion_distance
 from .gases import Gas, gas_of
 from .hashes import lookup3
 from .instance_attributes import PATH_LENGTH, InstanceAttributes, can_read_instances
@@ -96,6 +97,7 @@ class Appearance:
     terminator_offset: float
     #: Shadow Terminator Shading Offset.
     shading_offset: float
+    occlusion_distance: float
     is_instance: bool
     #: Index into the view layer's light groups, -1 = none.
     light_group: int
@@ -299,6 +301,7 @@ def _describe(
             shading_offset=context.finite(
                 read_setting(shown, "shadow_terminator_shading_offset"), 0.0, shown.name, "Shading Offset"
             ),
+            occlusion_distance=occlusion_distance(context, shown, parent),
             is_instance=item.is_instance,
             light_group=_light_group(context, shown, parent),
             is_shadow_catcher=has_shape and (shown.is_shadow_catcher or parent.is_shadow_catcher),

@@ -14,6 +14,7 @@ from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import blender_to_xyz, working_space
 from .context import ExportCache, ExportContext, Window
 from .culling import cull
+from .fast_gi import export_fast_gi
 from .gases import export_gas
 from .geometry import export_mesh
 from .images import ImageExporter
@@ -154,6 +155,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         rolling_shutter_duration=rolling,
         passes=export_pass_settings(context),
         light_groups=context.light_groups,
+        fast_gi=export_fast_gi(context),
         linking=export_linking(context, appearances.kinds, appearances.kind[chosen], lamps),
     )
     if context.wants_vectors:
@@ -291,6 +293,7 @@ def _export_instances(
         dupli_uv=appearances.uv[chosen],
         terminator_offset=column([kind.terminator_offset for kind in kinds], np.float32),
         shading_offset=column([kind.shading_offset for kind in kinds], np.float32),
+        occlusion_distance=column([kind.occlusion_distance for kind in kinds], np.float32),
         medium_density=_medium_density(kinds, kind_of, transform),
         is_shadow_catcher=column([kind.is_shadow_catcher for kind in kinds], np.bool_),
         asset=[kinds[row].asset for row in kind_of.tolist()] if context.wants_assets else None,

@@ -14,6 +14,7 @@ from benchmarks.scenes import (
     displaced_followers,
     failing_media,
     failures,
+    fast_gi,
     flat_hair,
     furnished,
     geometry,
@@ -53,9 +54,9 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "clamped", "closures", "coincident", "culled", "displaced",
-    "displaced_followers", "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined",
-    "lamp_switches", "lights", "limits", "linked", "linked_closures", "local_lamps", "many_blockers", "matter",
-    "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands", "node_rays", "patterned_lamps",
-    "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies", "spectral",
-    "subsurface", "terminators", "textures", "wax",
+    "displaced_followers", "failing_media", "failures", "fast_gi", "flat_hair", "furnished", "geometry", "hair",
+    "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "local_lamps", "many_blockers",
+    "matter", "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands", "node_rays",
+    "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies",
+    "spectral", "subsurface", "terminators", "textures", "wax",
 ]  # fmt: skip

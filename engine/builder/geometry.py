@@ -300,6 +300,8 @@ def _assemble(
         values[:, layout.VALUE_TERMINATOR] = instances.terminator_offset
     if instances.shading_offset is not None:
         values[:, layout.VALUE_SHADING_OFFSET] = np.clip(instances.shading_offset, 0.0, 1.0)
+    if instances.occlusion_distance is not None:
+        values[:, layout.VALUE_OCCLUSION] = instances.occlusion_distance
     values[:, layout.VALUE_DENSITY] = 1.0 if instances.medium_density is None else instances.medium_density
 
     mesh_table = shapes.mesh_table.copy()

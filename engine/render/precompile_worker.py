@@ -33,6 +33,7 @@ from engine.scene.description import (
     World,
 )
 from engine.scene.dicing import Dicing
+from engine.scene.fast_gi import FastGi
 from engine.scene.instances import plain_instances
 from engine.scene.rounds import ROUND, SPHERES, Rounds
 from engine.spectral.wavelengths import WAVELENGTH_COUNT
@@ -151,6 +152,7 @@ def _compile_passes() -> None:
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, passes=passes, spectral=spectral)
     scene.instances.is_shadow_catcher = np.arange(len(scene.instances.name)) == 1
+    scene.fast_gi = FastGi(added=1.0)
     _render("OFF", scene=scene, passes=passes)
 
 
@@ -160,6 +162,8 @@ def _compile_media() -> None:
     scene.materials[0].graph = fog
     for method in ("OFF", "VMM"):
         _render(method, scene=scene, passes=("Combined", "Volume Direct", "Volume Indirect"))
+    scene.fast_gi = FastGi(bounces=1)
+    _render("OFF", scene=scene)
 
 
 def _compile_subsurface() -> None:
@@ -172,6 +176,7 @@ def _compile_subsurface() -> None:
     wax.volume = Link(1, "Volume")
     _render("OFF", scene=scene)
     _compile_node_rays()
+    _compile_fast_gi()
 
 
 def _compile_node_rays() -> None:
@@ -182,6 +187,14 @@ def _compile_node_rays() -> None:
     scene.materials[0].graph = NodeGraph(nodes, Link(0, "BSDF"))
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, spectral=spectral)
+
+
+def _compile_fast_gi() -> None:
+    scene = small_scene()
+    for fast_gi in (FastGi(bounces=1), FastGi(added=1.0)):
+        scene.fast_gi = fast_gi
+        for spectral in ("OFF", "ON"):
+            _render("OFF", scene=scene, spectral=spectral)
 
 
 def _compile_curves() -> None:

@@ -73,6 +73,8 @@ def resolve(
         settings = replace(settings, deterministic=True, network_backend="KERNEL")
     settings = replace(settings, spectral="ON" if is_spectral(settings, scene.description) else "OFF")
     settings = _with_u(settings, scene.description, learning)
+    if scene.description.fast_gi.bounces > 0:
+        settings = _with_short_rays(settings, notices)
     cache_left_out = ""
     if settings.radiance_cache == "AUTO" and settings.samples < LEAST_CACHED_SAMPLES:
         cache_left_out = "so few samples are over before it could pay"
@@ -129,12 +131,28 @@ def _with_u(settings: RenderSettings, description: SceneDescription, learning: L
     return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
 
 
+def _with_short_rays(settings: RenderSettings, notices: list[Notice]) -> RenderSettings:
+    """Settings for scenes in which later rays are short (`engine.wavefront.short_rays`); what is not done is noted.
+
+    As in Cycles light that lies beyond is lost by the share that scattering was to find of it. The picture depends on
+    the densities of directions and light samples therefore, so nothing that is learned may change them.
+    """
+    problem = "knows no short rays (Fast GI Approximation)"
+    if settings.guiding_method not in ("OFF", "AUTO"):
+        notices.append(Notice("Guiding", problem, "paths follow what surfaces scatter"))
+    if settings.light_selection == "LEARNED":
+        notices.append(Notice("Learned visibility of lights", problem, "the light tree chooses"))
+    return replace(settings, guiding_method="OFF", light_selection="TREE")
+
+
 def _cache_notice(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> Notice | None:
     """Why the radiance cache cannot be used, None where it can."""
     problem = "knows no light groups, shadow catchers or media"
     groups = map(group_pass, scene.description.light_groups)
     if settings.channel_count > RGB:
         problem = "knows no wavelengths"
+    elif scene.description.fast_gi.is_used:
+        problem = "knows no Fast GI Approximation"
     # Nor what shadow catchers would have alone, nor what is within media.
     elif not (passes.intersection(groups) or scene.has_catchers or scene.media.is_used):
         return None

@@ -23,6 +23,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
 from engine.render.python_stages import python_stages
+from engine.render.scene_header import lights_of, scene_header
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
 from engine.runtime.stage_table import StageTable
@@ -30,48 +31,15 @@ from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
-from engine.state.geometry import VALUE_SHADING_OFFSET
 from engine.state.lanes import LANE_COUNT, RGB
-from engine.state.lights import (
-    HEADER_EMITTERS,
-    HEADER_FIRST_DISTANT,
-    HEADER_HITTABLE,
-    HEADER_LAST_DISTANT,
-    no_selection,
-)
-from engine.state.shaders import (
-    MODE_CLOSURES,
-    MODE_NO_REFLECTIVE_CAUSTICS,
-    MODE_NO_REFRACTIVE_CAUSTICS,
-    PROGRAM_EMISSION_CONSTANT,
-    PROGRAM_FLAGS,
-    PROGRAM_HAS_AOVS,
-)
+from engine.state.lights import no_selection
+from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
-    SCENE_HANDLE,
-    SCENE_HAS_BOUNDARIES,
-    SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
-    SCENE_HAS_HIDDEN_LAMPS,
-    SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
-    SCENE_HAS_MOVING_MEDIA,
-    SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
-    SCENE_HAS_SUBSURFACE,
-    SCENE_HAS_TRANSPARENT_SHADOWS,
-    SCENE_HAS_VARYING_LAMPS,
-    SCENE_HAS_VARYING_MEDIA,
-    SCENE_HEADER_WIDTH,
     SCENE_IS_SPECTRAL,
-    SCENE_MASK_HANDLE,
-    SCENE_SHIFTS_SHADING,
-    SCENE_TRANSPARENT_HANDLE,
-    SCENE_WORLD_GROUP,
-    SCENE_WORLD_IS_CONSTANT,
-    SCENE_WORLD_PROGRAM,
-    SCENE_WORLD_VISIBILITY,
     UNIT_ASKS_MODEL,
     UNIT_CATCHES,
     UNIT_DIVIDES_WAVELENGTHS,
@@ -166,38 +134,18 @@ class Tracer:
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.layout = layout
         self._traces = scene.traces
-        lights, header = scene.lights, scene.lights.header
-        has_suns = header[HEADER_LAST_DISTANT] > header[HEADER_FIRST_DISTANT]
         self.mode = MODE_CLOSURES | (0 if settings.use_caustics_reflective else MODE_NO_REFLECTIVE_CAUSTICS)
         self.mode |= 0 if settings.use_caustics_refractive else MODE_NO_REFRACTIVE_CAUSTICS
-        world = scene.world_program
-        facts = scene.shaders.programs[world, PROGRAM_FLAGS]
-        world_is_constant = world < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
-        description, geometry = scene.description, scene.geometry
-        options = make_options(settings, description.frame.exposure, description.passes.occlusion_distance)
-        numbers = np.zeros(SCENE_HEADER_WIDTH, np.int64)
-        numbers[SCENE_HANDLE], numbers[SCENE_MASK_HANDLE] = scene.accelerator.handle, scene.accelerator.mask_handle
-        numbers[SCENE_TRANSPARENT_HANDLE] = scene.accelerator.transparent_handle
-        numbers[SCENE_WORLD_PROGRAM] = world
-        numbers[SCENE_WORLD_VISIBILITY] = scene.description.world.visibility if scene.description.world else 0
-        numbers[SCENE_WORLD_GROUP] = scene.description.world.light_group if scene.description.world else -1
-        numbers[SCENE_WORLD_IS_CONSTANT] = world_is_constant
-        numbers[SCENE_HAS_EMITTERS] = bool(settings.use_nee) and int(header[HEADER_EMITTERS]) > 0
-        numbers[SCENE_HAS_HITTABLE_LIGHTS] = bool(header[HEADER_HITTABLE] > 0 or has_suns)
-        numbers[SCENE_HAS_TRANSPARENT_SHADOWS] = scene.has_transparent_shadows
-        numbers[SCENE_HAS_HIDDEN_LAMPS] = bool(numbers[SCENE_HAS_EMITTERS]) and len(lights.links.hidden) > 0
-        numbers[SCENE_IS_SPECTRAL], numbers[SCENE_HAS_VARYING_LAMPS] = channel_count > RGB, len(lights.varying) > 0
-        numbers[SCENE_HAS_SUBSURFACE], numbers[SCENE_HAS_PORTALS] = scene.has_subsurface, scene.has_portals
-        numbers[SCENE_HAS_MEDIA] = scene.media.is_used
-        numbers[SCENE_HAS_DENSE_MEDIA], numbers[SCENE_HAS_VARYING_MEDIA] = scene.media.is_dense, scene.media.varies
-        numbers[SCENE_HAS_MOVING_MEDIA] = scene.media.varies and (geometry.grids.velocity >= 0).any()
-        numbers[SCENE_HAS_ROUNDS], numbers[SCENE_HAS_BOUNDARIES] = len(geometry.radii) > 0, scene.media.has_inside.any()
-        numbers[SCENE_SHIFTS_SHADING] = (geometry.instance_values[:, VALUE_SHADING_OFFSET] > 0.0).any()
+        description = scene.description
+        options = make_options(
+            settings, description.frame.exposure, description.passes.occlusion_distance, description.fast_gi
+        )
         self.view = SceneView(
-            numbers, _with_clearance(scene), scene.camera.motion, scene.camera.shutter, scene.camera.filter,
-            tables_for(scene.description.to_xyz) if channel_count > RGB else no_spectral_tables(), geometry,
-            scene.shaders, scene.tables, scene.lights, scene.media.arrays, build_data_view(scene, layout.data.options),
-            scene.local_scenes.handles, options,
+            scene_header(scene, settings), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
+            scene.camera.filter,
+            tables_for(description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
+            scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
+            build_data_view(scene, layout.data.options), scene.local_scenes.handles, options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None

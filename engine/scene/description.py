@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Uint32Array
 from engine.scene.dicing import Dicing
+from engine.scene.fast_gi import FastGi
 from engine.scene.grids import Grid, VolumeMotion
 from engine.scene.image import Image
 from engine.scene.linking import Linking
@@ -236,6 +237,8 @@ class Instances:
     is_shadow_catcher: npt.NDArray[np.bool_] | None = None  # (N,); None = none
     #: (N,) factor on the density of media inside that vary (volumes that grow thinner with their size); None = 1.
     medium_density: Float32Array | None = None
+    #: (N,) how far short rays look that leave it (`FastGi`) [m], 0 = as far as others; None = 0 for all.
+    occlusion_distance: Float32Array | None = None
     #: (N, 4) each: what Attribute nodes read of objects and their instancers, by 'object:name' and 'instancer:name'.
     properties: dict[str, Float32Array] = field(default_factory=dict)
 
@@ -485,6 +488,7 @@ class SceneDescription:
     rolling_shutter_duration: float = 1.0
     passes: PassSettings = field(default_factory=PassSettings)
     light_groups: tuple[str, ...] = ()  # names of the view layer's
+    fast_gi: FastGi = field(default_factory=FastGi)
     linking: Linking | None = None  # None: every emitter lights everything, and all casts shadows in its light
 
     @property

@@ -35,7 +35,9 @@ VALUE_TERMINATOR = 10
 VALUE_DENSITY = 11
 #: Shadow Terminator Shading Offset in [0, 1], 0 = none.
 VALUE_SHADING_OFFSET = 12
-VALUE_WIDTH = 13
+#: How far short rays look that leave it [m], 0 = as far as others.
+VALUE_OCCLUSION = 13
+VALUE_WIDTH = 14
 
 #: Vertices of this instance's mesh are stored in world space (its only user): hits need no transform.
 INSTANCE_FLAG_BAKED = 1

@@ -29,7 +29,9 @@ SCENE_HAS_HIDDEN_LAMPS = 18  # scattered rays find lamps through what casts no s
 SCENE_HAS_VARYING_LAMPS = 19  # programs tell what lamps emit that rays may meet
 SCENE_HAS_PORTALS = 20  # surfaces behind which rays go on elsewhere
 SCENE_SHIFTS_SHADING = 21  # objects with a Shadow Terminator Shading Offset
-SCENE_HEADER_WIDTH = 22
+SCENE_SHORTENS = 22  # later bounces look at what is near alone (`FastGi.bounces`)
+SCENE_ADDS_LIGHT = 23  # surfaces receive light for what does not hide the sky (`FastGi.added`)
+SCENE_HEADER_WIDTH = 24
 
 # UnitView.header
 UNIT_SEED = 0
@@ -112,6 +114,7 @@ class ClockEntries(NamedTuple):
     connect_lights: int
     attenuate_shadows: int
     intersect_shadow: int
+    fast_gi: int
     occlusion: int
     scatter: int
     walk_subsurface: int

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 
 
@@ -29,11 +30,17 @@ class IntegratorOptions(NamedTuple):
     #: Light samples that would add less than 1 / this are played roulette with; 0 = off.
     inverse_light_threshold: np.float32
     filter_glossy: np.float32
-    #: How far the Ambient Occlusion pass looks [m].
+    #: How far the Ambient Occlusion pass and short rays look [m].
     occlusion_distance: np.float32
+    #: As `engine.scene.fast_gi.FastGi` has them.
+    short_bounces: int
+    short_background: np.float32
+    added_light: np.float32
 
 
-def make_options(settings: RenderSettings, exposure: float, occlusion_distance: float) -> IntegratorOptions:
+def make_options(
+    settings: RenderSettings, exposure: float, occlusion_distance: float, fast_gi: FastGi
+) -> IntegratorOptions:
     """Options from a user's settings; a limit of N bounces is N + 1 scatterings, as in Cycles."""
     threshold = settings.light_sampling_threshold
     return IntegratorOptions(
@@ -53,6 +60,9 @@ def make_options(settings: RenderSettings, exposure: float, occlusion_distance: 
         inverse_light_threshold=np.float32(exposure / threshold if threshold > 0.0 else 0.0),
         filter_glossy=np.float32(settings.filter_glossy),
         occlusion_distance=np.float32(occlusion_distance),
+        short_bounces=fast_gi.bounces,
+        short_background=np.float32(fast_gi.background),
+        added_light=np.float32(fast_gi.added),
     )
 
 

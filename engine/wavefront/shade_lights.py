@@ -74,7 +74,8 @@ def shade_lights(scene, unit, work, queue):
         receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False, tree)
         wi = load(paths.direction, lane)
         t_min = paths.mis_distance[lane]
-        t_max = t_min + paths.hit_distance[lane]
+        # Media may go on behind the end of a short ray.
+        t_max = min(t_min + paths.hit_distance[lane], paths.reach[lane])
         for row in range(hittable_count):
             if not (lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_MIS or is_camera or options.use_nee == 0):
                 continue

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from engine.state.shaders import MODE_CLOSURES
 from engine.wavefront.accumulate import accumulate
+from engine.wavefront.added_light import aim_added_light, leave_added_light
 from engine.wavefront.attenuate_shadows import (
     attenuate_shadows,
     begin_shadows,
@@ -23,6 +24,7 @@ from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_cache_records import collect_cache_records
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.columns import (
+    SCENE_ADDS_LIGHT,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
@@ -38,6 +40,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_SHIFTS_SHADING,
+    SCENE_SHORTENS,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_CATCHES,
     UNIT_SPLITS_LIGHT,
@@ -77,6 +80,7 @@ from engine.wavefront.shade_background import fill_background, prepare_backgroun
 from engine.wavefront.shade_emission import shade_emission
 from engine.wavefront.shade_lights import shade_lights
 from engine.wavefront.shift_terminator import shift_terminator
+from engine.wavefront.short_rays import dim_background, lengthen_rays, shorten_rays
 from engine.wavefront.split_light import split_sampled, split_scattered, write_colors
 from engine.wavefront.track_media import begin_tracking, find_collisions, meet_media
 from engine.wavefront.upsample import upsample_closures, upsample_emission, upsample_lights
@@ -194,7 +198,8 @@ _SUBSURFACE = _scene(SCENE_HAS_SUBSURFACE)
 _HIDDEN_LAMPS, _VARYING_LAMPS = _scene(SCENE_HAS_HIDDEN_LAMPS), _scene(SCENE_HAS_VARYING_LAMPS)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
-_SHADOWS = _any(_EMITTERS, _OCCLUSION)
+_SHORTENS, _ADDS_LIGHT = _scene(SCENE_SHORTENS), _scene(SCENE_ADDS_LIGHT)
+_SHADOWS = _any(_EMITTERS, _OCCLUSION, _ADDS_LIGHT)
 
 
 def _data(loop: Loop) -> Any:
@@ -224,7 +229,9 @@ _STAGES = (
     Stage(play_roulette, "play_roulette"),
     Stage(meet_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
     Stage(leave_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
+    Stage(shorten_rays, "fast_gi", _SHORTENS),
     Stage(intersect_closest, "intersect_closest"),
+    Stage(lengthen_rays, "fast_gi", _all(_SHORTENS, _MEDIA)),
     Stage(find_gaps, "sample_medium", _DENSE_MEDIA),
     Stage(light_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
     Stage(leave_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
@@ -246,6 +253,7 @@ _STAGES = (
     Stage(fill_background, "catch_shadows shade_background", _CONSTANT_WORLD),
     Stage(prepare_background, "catch_shadows shade_background", _not(_CONSTANT_WORLD)),
     Stage(write_background_vectors, "shade_background", _data),
+    Stage(dim_background, "shade_background", _SHORTENS),
     Stage(shade_background, "shade_background"),
     Stage(
         evaluate_shaders,
@@ -286,6 +294,8 @@ _STAGES = (
     Stage(draw_collision_candidates, "draw_candidates", _all(_is_guided, _MEDIA), _guided),
     Stage(resample_collisions, "guide_resample", _all(_is_guided, _MEDIA), _guided),
     Stage(scatter_collisions, "sample_medium", _MEDIA),
+    Stage(aim_added_light, "fast_gi", _ADDS_LIGHT),
+    Stage(leave_added_light, "fast_gi", _all(_ADDS_LIGHT, _SPLITS_LIGHT)),
     Stage(aim_occlusion, "occlusion", _OCCLUSION),
     Stage(keep_occlusion, "occlusion", _OCCLUSION),
     Stage(scatter, "scatter"),

@@ -12,6 +12,7 @@ from engine.wavefront.columns import (
     CLOCK,
     NEXT_LANE,
     ROWS,
+    SCENE_ADDS_LIGHT,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
@@ -26,6 +27,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_VARYING_MEDIA,
     SCENE_IS_SPECTRAL,
     SCENE_SHIFTS_SHADING,
+    SCENE_SHORTENS,
     SCENE_WORLD_IS_CONSTANT,
     UNIT_ASKS_MODEL,
     UNIT_CATCHES,
@@ -85,6 +87,8 @@ def _shade_background(stages, scene, unit, work):
     if scene.data.options.background_moves != 0 and scene.data.options.vector >= 0:
         if unit.header[UNIT_USE_FEATURES] != 0:
             stages.write_background_vectors(scene, unit, work, work.missed)
+    if scene.header[SCENE_SHORTENS] != 0:
+        stages.dim_background(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)
     mark(work.clock, CLOCK.shade_background)
 
@@ -179,6 +183,28 @@ def _sample_lights(stages, scene, unit, guidance, work):
     stages.choose_lights(scene, unit, work, work.surface)
     mark(work.clock, CLOCK.choose_lights)
     _connect_lights(stages, scene, unit, guidance, work, unit.header[UNIT_IS_GUIDED] != 0)
+
+
+@kernel
+def _look_around(stages, scene, unit, work):
+    """What the hemisphere over surfaces brings: light that Fast GI adds, but not to followers, and occlusion."""
+    if scene.header[SCENE_ADDS_LIGHT] != 0 and unit.header[UNIT_FOLLOWS] == 0:
+        stages.aim_added_light(scene, unit, work, work.surface)
+        mark(work.clock, CLOCK.fast_gi)
+        if scene.header[SCENE_HAS_MEDIA] != 0:
+            _attenuate_shadows(stages, scene, unit, work)
+        _trace_shadows(stages, scene, unit, work)
+        if unit.header[UNIT_SPLITS_LIGHT] != 0:
+            stages.leave_added_light(scene, unit, work, work.surface)
+            mark(work.clock, CLOCK.fast_gi)
+    if unit.header[UNIT_USE_OCCLUSION] != 0:
+        stages.aim_occlusion(scene, unit, work, work.surface)
+        mark(work.clock, CLOCK.occlusion)
+        if scene.header[SCENE_HAS_MEDIA] != 0:
+            _attenuate_shadows(stages, scene, unit, work)
+        _trace_shadows(stages, scene, unit, work)
+        stages.keep_occlusion(scene, unit, work, work.surface)
+        mark(work.clock, CLOCK.occlusion)
 
 
 @kernel
@@ -325,8 +351,14 @@ def _trace_paths(stages, scene, unit, work):
     """Find what rays of paths meet."""
     if scene.header[SCENE_HAS_HIDDEN_LAMPS] != 0:
         _meet_hidden_lamps(stages, scene, unit, work)
+    if scene.header[SCENE_SHORTENS] != 0:
+        stages.shorten_rays(scene, unit, work, work.traced)
+        mark(work.clock, CLOCK.fast_gi)
     stages.intersect_closest(scene, unit, work, work.traced)
     mark(work.clock, CLOCK.intersect_closest)
+    if scene.header[SCENE_SHORTENS] != 0 and scene.header[SCENE_HAS_MEDIA] != 0:
+        stages.lengthen_rays(scene, unit, work, work.traced)
+        mark(work.clock, CLOCK.fast_gi)
     if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
         stages.find_gaps(scene, unit, work, work.traced)
         mark(work.clock, CLOCK.sample_medium)
@@ -393,14 +425,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
                 _guide_collisions(stages, scene, unit, guidance, radiance, work)
             stages.scatter_collisions(scene, unit, work, work.collided)
             mark(clock, CLOCK.sample_medium)
-        if unit.header[UNIT_USE_OCCLUSION] != 0:
-            stages.aim_occlusion(scene, unit, work, work.surface)
-            mark(clock, CLOCK.occlusion)
-            if has_media:
-                _attenuate_shadows(stages, scene, unit, work)
-            _trace_shadows(stages, scene, unit, work)
-            stages.keep_occlusion(scene, unit, work, work.surface)
-            mark(clock, CLOCK.occlusion)
+        _look_around(stages, scene, unit, work)
         _scatter(stages, scene, unit, work)
         if work.single.count[0] > 0:
             stages.sample_source(scene, unit, guidance, work, work.single)

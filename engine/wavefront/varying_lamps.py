@@ -49,7 +49,7 @@ from engine.wavefront.found_lamps import add_lamp, distance_to_lamp, takes_next,
 def _find(lights, options, paths, lane, origin, wi):
     """One of the lamps with programs that a lane's ray crosses: row (-1 = none), distance, and how many there are."""
     flags, t_min = paths.flags[lane], paths.mis_distance[lane]
-    t_max, is_camera = t_min + paths.hit_distance[lane], flags & RAY_CAMERA
+    t_max, is_camera = min(t_min + paths.hit_distance[lane], paths.reach[lane]), flags & RAY_CAMERA
     chosen, at, count, u = np.int64(-1), np.float32(-1.0), 0, paths.random[lane, 2]
     for k in range(lights.varying.shape[0]):
         row = np.int64(lights.varying[k])

@@ -231,19 +231,19 @@ def test_settings_it_has_not_are_said_once_a_job_and_stand_in_the_file(
 
     scene = cube_scene
     scene.cycles.direct_light_sampling_type = "FORWARD_PATH_TRACING"
-    scene.cycles.use_fast_gi = True
+    scene.cycles.shading_system = True
     scene.render.use_stamp_frame = True
     scene.frame_start, scene.frame_end = 1, 2
     scene.render.filepath = str(tmp_path / "frame_####.exr")
     bpy.ops.render.render(animation=True)
     shown = "".join(capfd.readouterr())
     for words in (
-        "Scene: fast global illumination is not supported", "Scene: sampling light in one way only is not supported",
+        "Scene: Open Shading Language is not supported", "Scene: sampling light in one way only is not supported",
     ):  # fmt: skip
         assert shown.count(f"NeuralGuide: Warning: {words}") == 1
     for frame in (1, 2):
         with OpenEXR.File(str(tmp_path / f"frame_000{frame}.exr")) as file:
-            assert "fast global illumination" in str(file.header()["neuralguide.ViewLayer.notices"])
+            assert "Open Shading Language" in str(file.header()["neuralguide.ViewLayer.notices"])
 
 
 def test_passes_it_has_not_are_named(cube_scene: Any, fake: FakeEngine, capfd: Any) -> None:

@@ -127,6 +127,20 @@ def test_borrowed_panels_ask_for_our_engine_and_cycles_conditions(blender: Any) 
     assert not panel.poll(SimpleNamespace(engine="CYCLES", light=sun))
 
 
+def test_fast_gi_is_shown_where_cycles_settings_count(blender: Any) -> None:
+    panel, scene = blender.types.NEURALGUIDE_PT_light_paths_fast_gi, blender.context.scene
+    context = SimpleNamespace(engine="NEURALGUIDE", scene=scene)
+    scene.world = blender.data.worlds.new("World")
+    scene.cycles.fast_gi_method = "ADD"
+    assert panel.poll(context)
+    shown = {name for _, name in draw(panel, context).drawn}
+    assert shown == {"use_fast_gi", "fast_gi_method", "ao_factor", "distance"}
+    scene.cycles.fast_gi_method = "REPLACE"
+    assert {name for _, name in draw(panel, context).drawn} == shown | {"ao_bounces", "ao_bounces_render"}
+    scene.neuralguide.use_cycles_settings = False
+    assert not panel.poll(context)
+
+
 def test_panels_show_the_property_that_counts(blender: Any) -> None:
     """Cycles' own while the scene follows it, ours where a script has set it or the switch is off; each once."""
     from addon.shared_settings import SHARED_SETTINGS

@@ -406,7 +406,6 @@ UNSUPPORTED = {
     "in one way only": ("cycles", "direct_light_sampling_type", "FORWARD_PATH_TRACING"),
     "transparent glass": ("cycles", "film_transparent_glass", True),
     "pixel jitter": ("cycles", "use_pixel_jitter", True),
-    "fast global illumination": ("cycles", "use_fast_gi", True),
     "Open Shading Language": ("cycles", "shading_system", True),
     "GPU": ("cycles", "device", "GPU"),
 }

@@ -108,6 +108,17 @@ def test_fast_gi_is_a_rival_that_leaves_the_next_one_without_it() -> None:
         assert bpy.context.scene.cycles.use_fast_gi is is_fast
 
 
+def test_a_scene_that_wants_fast_gi_has_it_by_every_rival() -> None:
+    import bpy
+
+    scene = bpy.data.scenes.new("Fast")
+    scene.cycles.use_fast_gi = True
+    for name in ("cycles-fast-gi", "cycles", "OFF"):
+        find_rival(name).configure(scene, Budget(samples=4), 0, 1)
+        assert scene.cycles.use_fast_gi
+    bpy.data.scenes.remove(scene)
+
+
 def test_tables_align_and_survive_nan() -> None:
     lines = tables.table(["a", "b"], [["x", 1.23456], ["long name", math.nan], ["y", 1234567.0]]).splitlines()
     assert len({len(line) for line in lines}) == 1

@@ -37,6 +37,7 @@ from engine.scene.description import (
     World,
 )
 from engine.scene.dicing import Dicing
+from engine.scene.fast_gi import FastGi
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.scene.instances import plain_instances
 from engine.scene.panorama import Panorama, StereoEye
@@ -384,11 +385,9 @@ CHANGES: dict[str, list[Change]] = {
         _graph("materials.0", 0, "image", -1, "properties"),
     ],
     "Node.changed": [_set("materials.2.graph.nodes.3.changed", frozenset({"from_nobody"}))],
-    "Link.node": [_link_elsewhere],
-    "Link.output": [_relink],
+    "Link.node": [_link_elsewhere], "Link.output": [_relink],
     "Link.otherwise": [_give_unknown_links_another_value],
-    "Image.key": [_set("images.0.key", "another")],
-    "Image.name": [_set("images.0.name", "Another")],
+    "Image.key": [_set("images.0.key", "another")], "Image.name": [_set("images.0.name", "Another")],
     "Image.pixels": [_edit("images.0.pixels", lambda p: p // 2), _edit("images.1.pixels", lambda p: p // 2),
                      _edit("images.1.pixels", lambda p: p.astype(np.float32)),
                      _set("images.0.pixels", np.zeros((0, 0, 4), np.uint8))],
@@ -401,8 +400,7 @@ CHANGES: dict[str, list[Change]] = {
         **d.meshes[0].attributes, "UV": Attribute("FACE", d.meshes[0].attributes["UV"].data[::3].copy())})(d))],
     "Attribute.data": [lambda d: (_set("meshes.1.attributes", {
         **d.meshes[1].attributes, "UV": Attribute("CORNER", 2.0 * d.meshes[1].attributes["UV"].data)})(d))],
-    "Mesh.key": [_set("meshes.0.key", "another")],
-    "Mesh.name": [_set("meshes.0.name", "Another")],
+    "Mesh.key": [_set("meshes.0.key", "another")], "Mesh.name": [_set("meshes.0.name", "Another")],
     "Mesh.vertices": [_edit(f"meshes.{k}.vertices", lambda v: 0.7 * v) for k in (0, 1)]
                      + [_edit("meshes.0.vertices", _with_entry(3, np.nan))],
     "Mesh.triangles": [_edit("meshes.0.triangles", _with_entry(2, (0, 1, 2))),
@@ -443,6 +441,7 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.light_group": [_edit("instances.light_group", _with_entry(0, 0))],
     "Instances.medium_density": [_set("instances.medium_density", np.full(6, 0.5, np.float32))],
     "Instances.is_shadow_catcher": [_edit("instances.is_shadow_catcher", _with_entry(0, True))],
+    "Instances.occlusion_distance": [_set("instances.occlusion_distance", np.full(6, 0.5, np.float32))],
     "Instances.motion": [_set("instances.motion", {}),
                          _set("instances.motion", {1: np.stack([_at(0, 0, -0.5), _at(0, 0, 0.5)])}),
                          _set("instances.motion", {2: np.stack([_at(2, 0, -0.5), _at(2, 0, 0.5)])})],
@@ -450,6 +449,7 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.properties": [_set("instances.properties", {}),
                              _edit("instances.properties", lambda p: {k: 0.5 * v for k, v in p.items()})],
     "SceneDescription.passes": [_set("passes", PassSettings())],
+    "SceneDescription.fast_gi": [_set("fast_gi", FastGi(1))],
     "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
     "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
@@ -479,7 +479,7 @@ UNSEEN = frozenset({
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
     "PassSettings.occlusion_distance", "PassSettings.background_moves", "PassSettings.looks_up_transmission",
-    "SceneDescription.light_groups", "World.light_group",
+    "SceneDescription.light_groups", "SceneDescription.fast_gi", "World.light_group",
 })  # fmt: skip
 
 

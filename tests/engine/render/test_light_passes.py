@@ -250,6 +250,16 @@ def test_occlusion_is_what_hides_the_sky_within_a_distance(distance):
         assert hidden.mean() < whole.mean() - 0.02
 
 
+def test_light_samples_have_no_say_in_how_occlusion_is_clamped():
+    """It is clamped as direct light; samples of the lamp are weighed against scattering, by which clamps see them."""
+    above = np.eye(4, dtype=np.float32)
+    above[2, 3] = 5.0
+    lamp = Light("area", "Area", "AREA", above, (1.0, 1.0, 1.0), 30.0, size_x=10.0, size_y=10.0)
+    description = floor_scene(lights=[lamp], size=(16, 16))
+    images = render(description, passes=["Combined", "Ambient Occlusion"], clamp_direct=0.5).passes
+    assert np.allclose(images["Ambient Occlusion"], 0.5)
+
+
 def test_occlusion_alone_leaves_the_picture_as_it_is():
     description = grouped_scene()
     plain = render(description, passes=["Combined"]).passes["Combined"]

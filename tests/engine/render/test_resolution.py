@@ -13,6 +13,7 @@ from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.render.resolution import resolve
 from engine.render.strata import StrataFilm
 from engine.scene.description import Frame
+from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 
 COMBINED = frozenset({"Combined"})
@@ -20,9 +21,10 @@ CACHED = RenderSettings(radiance_cache="CONVERGING")
 GUIDED = RenderSettings(guiding_method="AUTO", seed=1)
 
 
-def scene_of(*, moves=False, disperses=False, groups=(), catches=False, media=False):
+def scene_of(*, moves=False, disperses=False, groups=(), catches=False, media=False, fast_gi=None):
     description = SimpleNamespace(
-        is_moving=moves, has_dispersion=disperses, light_groups=groups, passes=None, frame=Frame(96, 64, (0, 0, 96, 64))
+        is_moving=moves, has_dispersion=disperses, light_groups=groups, passes=None,
+        frame=Frame(96, 64, (0, 0, 96, 64)), fast_gi=fast_gi or FastGi(),
     )
     return SimpleNamespace(
         description=description, has_catchers=catches, media=SimpleNamespace(is_used=media, varies=False)
@@ -64,6 +66,25 @@ def test_the_cache_is_left_where_it_lacks_something(lacking):
     # A light group that nobody asks for is no reason.
     if "groups" in lacking:
         assert resolved(CACHED, scene_of(**lacking))[0].request.settings.radiance_cache == "CONVERGING"
+
+
+@pytest.mark.parametrize("fast_gi", [FastGi(bounces=1), FastGi(added=0.5)])
+def test_the_cache_is_left_where_light_is_no_longer_followed_as_it_is(fast_gi):
+    found, problems = resolved(CACHED, scene_of(fast_gi=fast_gi))
+    assert found.request.settings.radiance_cache == "OFF"
+    assert problems[-1:] == ["knows no Fast GI Approximation"]
+
+
+@pytest.mark.parametrize(("method", "count"), [("VMM", 1), ("AUTO", 0), ("OFF", 0)])
+def test_nothing_learned_changes_densities_where_rays_are_short(method, count):
+    """The picture depends on them there. Automatic guiding is what pays: nobody has asked for it."""
+    asked = RenderSettings(guiding_method=method)
+    found, problems = resolved(asked, scene_of(fast_gi=FastGi(bounces=1)))
+    settings = found.request.settings
+    assert settings.guiding_method == "OFF" and not settings.is_guided and not settings.learns_lights
+    assert problems == ["knows no short rays (Fast GI Approximation)"] * count
+    added, problems = resolved(asked, scene_of(fast_gi=FastGi(added=0.5)))
+    assert added.request.settings.guiding_method == method and problems == []
 
 
 def test_an_automatic_cache_is_left_without_a_warning_where_it_cannot_be():
