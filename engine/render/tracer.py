@@ -40,6 +40,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_ROUNDS,
     SCENE_IS_SPECTRAL,
+    SCENE_SHIFTS_SHADING,
     UNIT_ASKS_MODEL,
     UNIT_CATCHES,
     UNIT_DIVIDES_WAVELENGTHS,
