@@ -39,6 +39,7 @@ from benchmarks.scenes import (
     shape_data,
     skies,
     spectral,
+    stretched,
     subsurface,
     terminators,
     textures,
@@ -51,5 +52,5 @@ __all__ = [
     "failing_media", "failures", "flat_hair", "furnished", "geometry", "hair", "inlined", "lights", "limits", "linked",
     "linked_closures", "matter", "matter_indoors", "matter_large", "media", "motion", "moving_strands", "node_rays",
     "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies",
-    "spectral", "subsurface", "terminators", "textures", "wax",
+    "spectral", "stretched", "subsurface", "terminators", "textures", "wax",
 ]  # fmt: skip
