@@ -33,8 +33,6 @@ MISSING_IMAGES_UNCLIPPED: Version = (5, 2)
 NORMALS_STOP_AT_FLAT_FACES: Version = (5, 2)
 #: Each window has a pause button of its own; Cycles' setting for all of them does nothing any more.
 PAUSED_BY_WINDOW: Version = (5, 3)
-#: The Principled BSDF's transmission is as anisotropic as its reflection.
-ANISOTROPIC_TRANSMISSION: Version = (5, 3)
 #: Whether colours of a file are multiplied by alpha, an image's setting tells Cycles; before, the file itself did.
 ALPHA_AS_SET: Version = (5, 2)
 #: Cycles' attribute N is in the world's space where nothing shares the mesh, and absent where normals are of corners;

@@ -19,7 +19,6 @@ from ..versions import read_setting, uses_nodes
 from .context import CachedMaterial, ExportContext, cycles_property
 from .images import ImageExporter
 from .nodes import GraphExporter
-from .unsupported import notice_material
 
 #: Inputs of a Principled Volume that name attributes.
 _VOLUME_ATTRIBUTES = ("Density Attribute", "Color Attribute", "Temperature Attribute")
@@ -151,7 +150,6 @@ class MaterialExporter:
         else:
             graph = _plain_graph(material)
         subject = f"{user} / {material.name}"
-        notice_material(context, material, graph, subject)
         dispersion = dispersion_of(material, graph, partial(context.notice, subject))
         exported = Material(
             key=None,

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from engine.scene.description import Node, NodeGraph
-
-from ..versions import ANISOTROPIC_TRANSMISSION, TEXTURE_CACHE, is_since, read_setting
+from ..versions import TEXTURE_CACHE, is_since, read_setting
 from .context import ExportContext, cycles_property
 from .subdivision import diced_modifier
 
@@ -58,21 +56,6 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
             shown.name, "adaptive subdivision is not supported",
             "subdivided as its modifier's render level" if level is None else evenly,
         )  # fmt: skip
-
-
-def notice_material(
-    context: ExportContext, material: bpy.types.Material, graph: NodeGraph | None, subject: str
-) -> None:
-    """What a material asks for beyond its nodes; `subject` names it and an object that has it."""
-    if graph is None:
-        return
-    if is_since(ANISOTROPIC_TRANSMISSION) and any(_is_anisotropic_glass(node) for node in graph.nodes):
-        context.notice(subject, "anisotropic transmission is not supported", "glass as rough in all directions")
-
-
-def _is_anisotropic_glass(node: Node) -> bool:
-    parts = (node.inputs.get(name, 0.0) for name in ("Transmission Weight", "Anisotropic"))
-    return node.kind == "ShaderNodeBsdfPrincipled" and all(part != 0.0 for part in parts)
 
 
 def _is_culled(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:

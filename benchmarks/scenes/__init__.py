@@ -45,6 +45,7 @@ from benchmarks.scenes import (
     shape_data,
     skies,
     spectral,
+    stretched,
     subsurface,
     terminators,
     textures,
@@ -58,5 +59,5 @@ __all__ = [
     "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "local_lamps", "many_blockers",
     "matter", "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands", "node_rays",
     "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data", "skies",
-    "spectral", "subsurface", "terminators", "textures", "wax",
+    "spectral", "stretched", "subsurface", "terminators", "textures", "wax",
 ]  # fmt: skip

@@ -170,6 +170,8 @@ def _compile_subsurface() -> None:
     scene = small_scene()
     wax = NodeGraph([Node("ShaderNodeSubsurfaceScattering", "Wax", {"Scale": 0.1})], Link(0, "BSSRDF"))
     scene.materials[0].graph = wax
+    # Seldom, too, and a stage of its own.
+    scene.instances.shading_offset = np.ones(len(scene.instances.name), np.float32)
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, spectral=spectral)
     wax.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}))

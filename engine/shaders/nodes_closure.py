@@ -150,12 +150,14 @@ def refraction(node: Node, weight: Value, builder: Any) -> None:
 def glass(node: Node, weight: Value, builder: Any) -> None:
     """Glass BSDF."""
     film = nodes_linked.film(builder)
-    if not is_zero(_float(builder, "Anisotropy", 0.0)):
-        builder.notice("anisotropic transmission is not supported", "glass as rough in all directions")
     color = _color(builder, default=1.0)
     roughness = _roughness(node, builder, 0.0)
     ior = _float(builder, "IOR", 1.5)
     distribution = _distribution(node, builder, roughness, "MULTI_GGX")
+    anisotropy = _float(builder, "Anisotropy", 0.0)
+    if not is_zero(anisotropy) and not is_zero(roughness):
+        nodes_linked.glass(builder, weight, distribution, (color, ior), (roughness, anisotropy, film))
+        return
     known, known_ior = _known(roughness), _known(ior)
     if known is not None and known_ior is not None and is_zero(film[0]) and distribution < BECKMANN:
         folded = fold_glass(load_tables().data, known, known_ior, is_multiple=distribution == MULTI_GGX)
@@ -225,14 +227,15 @@ def _plain_principled(distribution: int, normal: Value, values: Mapping[str, Val
 
 
 def _principled_lobes(
-    builder: Any, weight: Value, settings: tuple[int, int, int], modes: tuple[int, ...], **values: Value
+    builder: Any, weight: Value, settings: tuple[int, int, int, int], modes: tuple[int, ...], **values: Value
 ) -> None:
     """PRINCIPLED with everything off but `values` (and the normals).
 
     Parameters
     ----------
-    settings : tuple of 3 int
-        Distribution, how light scatters below the surface, and whether facets tint by bounce.
+    settings : tuple of 4 int
+        Distribution, how light scatters below the surface, whether facets tint by bounce, and whether glass is
+        anisotropic.
     """
     normal = values.pop("normal", None) or _normal(builder)
     coat_normal = values.pop("coat_normal", None) or normal
@@ -256,6 +259,15 @@ def _may_be_clear_wall(builder: Any) -> bool:
     roughness, ior = _known(_float(builder, "Roughness", 0.5)), _known(_float(builder, "IOR", 1.5))
     # What bends light next to nothing comes through smoothly however rough it is (`thin_alpha`).
     return roughness is None or ior is None or roughness < 0.1 or ior < 1.01
+
+
+def _stretches_glass(node: Node, builder: Any) -> int:
+    """Whether a Principled BSDF has anisotropic glass, as from Blender 5.3 on: its lobe is linked."""
+    parts = {"Anisotropic": 0.0, "Transmission Weight": 0.0, "Roughness": 0.5}
+    if not _tints_by_bounce(node) or any(is_zero(_float(builder, name, other)) for name, other in parts.items()):
+        return 0
+    nodes_linked.link_lobes()
+    return 1
 
 
 def principled(node: Node, weight: Value, builder: Any) -> None:
@@ -293,6 +305,7 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
         _distribution(node, builder, _ZERO, "MULTI_GGX"),
         choice(node, builder, "subsurface_method", _SUBSURFACE_METHODS, "RANDOM_WALK"),
         _tints_by_bounce(node),
+        _stretches_glass(node, builder),
     )
     if emits:
         if is_zero(coat) and is_zero(sheen):
@@ -360,7 +373,7 @@ def metallic(node: Node, weight: Value, builder: Any) -> None:
     }
     if not is_isotropic:
         values |= {"anisotropic": anisotropic, "anisotropic_rotation": rotation, "tangent": tangent}
-    _principled_lobes(builder, weight, (distribution, RANDOM_WALK, 1), _LOBES, **values)
+    _principled_lobes(builder, weight, (distribution, RANDOM_WALK, 1, 0), _LOBES, **values)
 
 
 def sheen(node: Node, weight: Value, builder: Any) -> None:
@@ -373,7 +386,7 @@ def sheen(node: Node, weight: Value, builder: Any) -> None:
         "sheen_roughness": _float(builder, "Roughness", 0.5),
         "sheen_tint": _color(builder),
     }
-    _principled_lobes(builder, weight, (GGX, RANDOM_WALK, 1), _LOBES, **values)
+    _principled_lobes(builder, weight, (GGX, RANDOM_WALK, 1, 0), _LOBES, **values)
 
 
 def subsurface(node: Node, weight: Value, builder: Any) -> None:

@@ -39,6 +39,19 @@ def metal(
     builder.closure(ops.opcode("LINKED"), weight, operands, immediates, modes=(MODE_CLOSURES,))
 
 
+def glass(
+    builder: Any, weight: Value, distribution: int, inside: tuple[Value, Value],
+    facets: tuple[Value, Value, tuple[Value, Value]],
+) -> None:  # fmt: skip
+    """The lobe of an anisotropic Glass BSDF: colour and refractive index, roughness, anisotropy and film."""
+    link_lobes()
+    roughness, anisotropy, film_values = facets
+    tangent = builder.input(Socket("Tangent", VECTOR, Implicit.TANGENT))
+    numbers = (roughness, anisotropy, number(builder, "Rotation", 0.0), *film_values)
+    operands = (normal(builder), *inside, tangent, *numbers)
+    builder.closure(ops.opcode("LINKED"), weight, operands, (ADDED["GLASS"], distribution), modes=(MODE_CLOSURES,))
+
+
 def _index(builder: Any, identifier: str, default: tuple[float, float, float]) -> Value:
     return builder.input(Socket(identifier, VECTOR, default))
 

@@ -82,6 +82,7 @@ def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool
     principled = ops_closure.opcode("PRINCIPLED")
     return any(
         instructions[root].opcode in bending
+        or _adds(instructions[root], "GLASS")
         or (
             instructions[root].opcode == principled
             and not is_zero(instructions[root].inputs[_TRANSMISSION])
@@ -109,10 +110,14 @@ def _has_subsurface(instructions: Sequence[Instruction], roots: Sequence[int]) -
     return False
 
 
+def _adds(instruction: Instruction, linked: str) -> bool:
+    """Whether a closure is the linked one of that name (`engine.kernels.bsdf.linked_lobes.ADDED`)."""
+    return instruction.opcode == ops_closure.opcode("LINKED") and instruction.immediates[0] == ADDED[linked]
+
+
 def _is_portal(instruction: Instruction) -> bool:
     """Whether a closure sends rays on elsewhere."""
-    is_linked = instruction.opcode == ops_closure.opcode("LINKED")
-    return is_linked and instruction.immediates[0] == ADDED["PORTAL"]
+    return _adds(instruction, "PORTAL")
 
 
 def _closure_flags(instructions: Sequence[Instruction], roots: Sequence[int]) -> int:

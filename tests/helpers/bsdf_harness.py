@@ -68,6 +68,8 @@ _SCALARS = {
     "second": 0.0,
     # Whether facets of rough diffuse surfaces tint as in Blender 5.3.
     "tints_by_bounce": 0.0,
+    # Whether glass of the Principled BSDF is as anisotropic as there.
+    "stretches_glass": 0.0,
 }
 _COLORS = {
     "color": (1.0, 1.0, 1.0),
@@ -158,6 +160,7 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
             film_thickness=values[18],
             film_ior=values[19],
             tints_by_bounce=values[23] != 0.0,
+            stretches_glass=values[24] != 0.0,
         )
         add_principled(closures, tables, 0, white, wo, ng, n, is_backfacing, inputs)
     elif node == 5:
@@ -167,15 +170,18 @@ def _append(closures, tables, node, distribution, is_backfacing, values, colors,
 
 
 @kernel
-def _append_linked(closures, tables, wo, ng, ns, memory, code):
-    add_linked(closures, tables, 0, (wo, ng, ns), np.float32(1.0), memory, code, 0)
+def _append_linked(closures, tables, wo, ng, ns, is_backfacing, memory, code):
+    place = (np.int64(0), np.int64(is_backfacing))
+    add_linked(closures, tables, 0, (wo, ng, ns), np.float32(1.0), memory, code, place)
 
 
 def _linked_instruction(case: Case, n: tuple, tangent: tuple) -> tuple[FloatArray, npt.NDArray[np.int32]]:
     """Memory and code of an instruction LINKED."""
     values = {**_SCALARS, **_COLORS, **case.inputs}
-    which = int(values["which"])
+    which = ADDED["GLASS"] if case.node == GLASS else int(values["which"])
     numbers = [values["first"], values["second"], 0.0, 0.0, 0.0]
+    if case.node == GLASS:
+        values["specular_tint"] = (values["ior"], 0.0, 0.0)
     if which >= ADDED["METAL"]:
         numbers = [values[name] for name in ("roughness", "anisotropic", "rotation", "film_thickness", "film_ior")]
     memory = np.array([*n, *values["color"], *values["specular_tint"], *tangent, *numbers], np.float32)
@@ -256,10 +262,12 @@ class Lobes:
             unknown = set(case.inputs) - set(_SCALARS) - set(_COLORS)
             assert not unknown, unknown
             is_film = case.inputs.get("film_thickness", 0.0) != 0.0
-            if case.node == LINKED or case.distribution >= BECKMANN or is_film:
+            is_anisotropic = case.inputs.get("anisotropic", 0.0) != 0.0
+            if case.node == LINKED or case.distribution >= BECKMANN or is_film or is_anisotropic:
                 link_lobes()
-            if case.node == LINKED:
-                _append_linked(self.closures, self.tables, wo, ng, ns, *_linked_instruction(case, n, tangent))
+            if case.node == LINKED or (case.node == GLASS and is_anisotropic):
+                instruction = _linked_instruction(case, n, tangent)
+                _append_linked(self.closures, self.tables, wo, ng, ns, case.is_backfacing, *instruction)
                 continue
             values = np.array([case.inputs.get(k, default) for k, default in _SCALARS.items()], np.float32)
             colors = np.array([case.inputs.get(k, default) for k, default in _COLORS.items()], np.float32)

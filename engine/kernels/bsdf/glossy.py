@@ -132,6 +132,18 @@ def blend_to_white(f0, blend):
 
 
 @kernel
+def anisotropic_alphas(roughness, anisotropy):
+    """Alphas along and across the tangent, of the Glossy and Glass BSDF; the same up to an anisotropy of 1e-4."""
+    alpha = roughness * roughness
+    anisotropy = clamp(anisotropy, -0.99, 0.99)
+    if anisotropy < -1e-4:
+        return alpha / (1.0 + anisotropy), alpha * (1.0 + anisotropy)
+    if anisotropy > 1e-4:
+        return alpha * (1.0 - anisotropy), alpha / (1.0 - anisotropy)
+    return alpha, alpha
+
+
+@kernel
 def add_glossy(
     closures, tables, lane, weight, color, wo, n, tangent, distribution, roughness, anisotropy, rotation
 ):
@@ -150,18 +162,9 @@ def add_glossy(
     rotation : float32 [turns]
     """
     weight = (weight[0] * color[0], weight[1] * color[1], weight[2] * color[2])
-    roughness = clamp_unit(roughness)
-    alpha_x = roughness * roughness
-    alpha_y = alpha_x
-    anisotropy = clamp(anisotropy, -0.99, 0.99)
-    if abs(anisotropy) > 1e-4:
+    alpha_x, alpha_y = anisotropic_alphas(clamp_unit(roughness), anisotropy)
+    if alpha_x != alpha_y:
         tangent = rotate_tangent(tangent, n, rotation)
-        if anisotropy < 0.0:
-            alpha_x /= 1.0 + anisotropy
-            alpha_y *= 1.0 + anisotropy
-        else:
-            alpha_x *= 1.0 - anisotropy
-            alpha_y /= 1.0 - anisotropy
     facets = Facets(n, tangent, alpha_x, alpha_y, distribution == MULTI_GGX)
     i = append_microfacet(closures, lane, GLOSSY, weight, facets, Interface(1.0, color, color, color, NO_FILM))
     if distribution >= BECKMANN:

@@ -75,6 +75,8 @@ _HALF, _WORD, _REAL = ir.IntType(32), ir.IntType(64), ir.FloatType()
 VECTOR = types.UniTuple(types.float32, 3)
 #: Direction to the viewer, geometric and smooth normal.
 VECTORS = types.UniTuple(VECTOR, 3)
+#: Where an instruction begins, and 1 where the surface is seen from behind.
+PLACE = types.UniTuple(types.int64, 2)
 #: Values of four channels, the last 0 in RGB, and the density.
 VALUE = types.UniTuple(types.float32, 5)
 #: Direction; `NO_SAMPLE`, `REFLECTED` or `REFRACTED`, and `IS_DELTA`; probability of that; values of a delta lobe.
@@ -136,7 +138,7 @@ _evaluate = kernel_call(VALUE, None, None, types.int64, types.int64, VECTOR, VEC
 _sample = kernel_call(SAMPLED, None, None, types.int64, types.int64, VECTOR, VECTOR, VECTOR)
 _albedo = kernel_call(ALBEDOS, None, None, None, types.int64, types.int64, VECTOR)
 _change = kernel_call(VECTOR, None, None, types.int64, types.int64, VECTOR, types.int64, types.float32, types.float32)
-_add = kernel_call(types.int64, None, None, types.int64, VECTORS, types.float32, None, None, types.int64)
+_add = kernel_call(types.int64, None, None, types.int64, VECTORS, types.float32, None, None, PLACE)
 
 
 @intrinsic
@@ -165,8 +167,8 @@ def _call_change(typing_context: Any, address: Any, closures: Any, tables: Any, 
 
 @intrinsic
 def _call_add(typing_context: Any, address: Any, closures: Any, tables: Any, lane: Any, view: Any, weight: Any,
-              memory: Any, code: Any, pc: Any) -> Any:  # fmt: skip
-    return _add((closures, tables, lane, view, weight, memory, code, pc))
+              memory: Any, code: Any, place: Any) -> Any:  # fmt: skip
+    return _add((closures, tables, lane, view, weight, memory, code, place))
 
 
 @kernel
@@ -261,4 +263,6 @@ def change_lobe(closures, tables, lane, i, wo, model, film):
 @kernel(forceinline=True)
 def run_linked(closures, tables, lane, view, weight, memory, code, pc):
     """Instruction `weight, ... | which`: those of `linked_lobes.ADDED`."""
-    _call_add(tables.linked[ADD], closures, tables, lane, (view.wo, view.ng, view.ns), weight, memory, code, pc)
+    vectors = (view.wo, view.ng, view.ns)
+    place = (np.int64(pc), np.int64(1) if view.is_backfacing else np.int64(0))
+    _call_add(tables.linked[ADD], closures, tables, lane, vectors, weight, memory, code, place)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Microfacet lobes whose kernels are linked (`linked.py`): Beckmann's facets, thin films, metals by n and k.
 
-A lobe's model says its distribution, its Fresnel term and what tints what it reflects. Facets of glass are isotropic.
+A lobe's model says its distribution, its Fresnel term and what tints what it reflects. Facets of glass are isotropic
+until `stretch.py` makes them others.
 """
 
 import math

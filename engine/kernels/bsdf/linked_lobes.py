@@ -6,6 +6,7 @@ A new one takes a model, its branch in each kernel here, and its node's entry in
 
 from __future__ import annotations
 
+import math
 import threading
 
 import numpy as np
@@ -17,7 +18,15 @@ from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.conductor import limited
 from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import f82_b, f82_mean
-from engine.kernels.bsdf.glossy import Facets, Interface, append_microfacet, rotate_tangent
+from engine.kernels.bsdf.glossy import (
+    Facets,
+    Interface,
+    add_glass,
+    anisotropic_alphas,
+    append_microfacet,
+    film_of,
+    rotate_tangent,
+)
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
@@ -44,6 +53,7 @@ from engine.kernels.bsdf.linked import (
     MODEL_MASK,
     NO_FILM,
     NO_SAMPLE,
+    PLACE,
     REFLECTED,
     SAMPLE,
     SAMPLED,
@@ -69,6 +79,7 @@ from engine.kernels.bsdf.linked_facets import (
 )
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.bsdf.portal import add_portal
+from engine.kernels.bsdf.stretch import mean_alpha, stretch_facets
 from engine.kernels.bsdf.tables import link_kernel, load_tables
 from engine.kernels.bsdf.toon import eval_toon, mirrored, sample_toon
 from engine.kernels.bsdf.velvet import eval_velvet, sample_velvet
@@ -85,9 +96,9 @@ _KIND = CLOSURE_KIND_PARAMS - 1
 #: What LINKED instructions add, by name, and the number each is asked for by.
 ADDED = {
     "TOON_DIFFUSE": TOON_DIFFUSE, "VELVET": VELVET, "TOON_GLOSSY": TOON_GLOSSY, "METAL": 8, "METAL_BY_INDEX": 9,
-    "PORTAL": 10,
+    "PORTAL": 10, "GLASS": 11,
 }  # fmt: skip
-_METAL, _METAL_BY_INDEX, _PORTAL = ADDED["METAL"], ADDED["METAL_BY_INDEX"], ADDED["PORTAL"]
+_METAL, _METAL_BY_INDEX, _PORTAL, _GLASS = (ADDED[name] for name in ("METAL", "METAL_BY_INDEX", "PORTAL", "GLASS"))
 _LEAST_SIZE = np.float32(1e-5)
 _LEAST_SIGMA = np.float32(0.01)
 
@@ -214,13 +225,37 @@ def _add_metal(closures, tables, lane, wo, ng, n, weight, memory, code, pc):
 
 
 @kernel
-def add_linked(closures, tables, lane, view, weight, memory, code, pc):
+def _add_glass(closures, tables, lane, view, weight, memory, code, pc, is_backfacing):
+    """The Glass BSDF, anisotropic: `weight, normal, colour, ior, tangent, roughness, anisotropy, rotation, film
+    thickness, film ior | which, distribution`.
+    """
+    wo, ng, ns = view
+    n = valid_specular_normal(closures, lane, ng, wo, safe_normal(read3(memory, code[pc + 3]), ns))
+    color, ior, tangent = read3(memory, code[pc + 4]), memory[code[pc + 5]], read3(memory, code[pc + 6])
+    distribution, anisotropy = code[pc + 13], memory[code[pc + 8]]
+    alpha_x, alpha_y = anisotropic_alphas(clamp_unit(memory[code[pc + 7]]), anisotropy)
+    tangent = rotate_tangent(tangent, n, memory[code[pc + 9]])
+    roughness = math.sqrt(mean_alpha(alpha_x, alpha_y))
+    weights = (weight, weight, weight)
+    i = add_glass(closures, tables, lane, weights, color, wo, n, distribution, roughness, ior, is_backfacing)
+    if i >= 0:
+        film = film_of(memory[code[pc + 10]], memory[code[pc + 11]], ior, is_backfacing)
+        make_facets(closures, tables, lane, i, wo, model_of(distribution), film[0], film[1])
+        stretch_facets(closures.param, lane, i, n, tangent, alpha_x, alpha_y)
+
+
+@kernel
+def add_linked(closures, tables, lane, view, weight, memory, code, place):
     """Append the lobe of an instruction LINKED: `weight, normal, colour, colour, tangent, 5 numbers | which, ...`."""
+    pc, is_backfacing = place
     which = code[pc + 12]
     wo, ng, ns = view
     if which == _PORTAL:
-        place = (read3(memory, code[pc + 5]), read3(memory, code[pc + 6]))
-        add_portal(closures, lane, view, scale(read3(memory, code[pc + 4]), weight), place)
+        entrance = (read3(memory, code[pc + 5]), read3(memory, code[pc + 6]))
+        add_portal(closures, lane, view, scale(read3(memory, code[pc + 4]), weight), entrance)
+        return np.int64(0)
+    if which == _GLASS:
+        _add_glass(closures, tables, lane, view, weight, memory, code, pc, is_backfacing != 0)
         return np.int64(0)
     n = safe_normal(read3(memory, code[pc + 3]), ns)
     is_velvet = which == VELVET
@@ -290,7 +325,7 @@ def _link(channel_count: int) -> None:
     if channel_count == RGB:
         wanted += [
             (CHANGE, VECTOR, change_linked, (rgb, tables, integer, integer, VECTOR, integer, number, number)),
-            (ADD, integer, add_linked, (rgb, tables, integer, VECTORS, number, memory, code, integer)),
+            (ADD, integer, add_linked, (rgb, tables, integer, VECTORS, number, memory, code, PLACE)),
         ]
     for word, returned, function, argument_types in wanted:
         link_kernel(word, kernel_address(function, returned, *argument_types))

@@ -30,6 +30,7 @@ from engine.kernels.bsdf.no_lobes import add_emission, add_transparent
 from engine.kernels.bsdf.normals import safe_normal, valid_specular_normal
 from engine.kernels.bsdf.oren_nayar import add_oren_nayar
 from engine.kernels.bsdf.sheen import append_sheen
+from engine.kernels.bsdf.stretch import mean_alpha, stretch_facets
 from engine.kernels.bsdf.subsurface import RANDOM_WALK_SKIN, SubsurfaceInputs, add_subsurface
 from engine.kernels.bsdf.thin_wall import add_thin_glass, add_thin_subsurface
 from engine.kernels.limits import at_least, clamp_unit
@@ -81,6 +82,7 @@ class PrincipledInputs(NamedTuple):
     subsurface : its refractive index counts for skin alone
     thin_wall : not 0: a sheet, which light goes through at once
     film_thickness : [nm]; of a thin wall it has no effect
+    stretches_glass : not 0: what it refracts is as anisotropic as what it reflects (Blender 5.3)
     """
 
     distribution: int
@@ -111,6 +113,7 @@ class PrincipledInputs(NamedTuple):
     film_thickness: float
     film_ior: float
     tints_by_bounce: int
+    stretches_glass: int
 
 
 @kernel
@@ -161,8 +164,9 @@ def _add_base(closures, lane, weight, base_color, n, specular_n, eta, inputs):
 
 
 @kernel
-def _add_transmission(closures, tables, lane, weight, wo, n, specular_n, is_backfacing, inputs):
+def _add_transmission(closures, tables, lane, weight, wo, facets, is_backfacing, inputs):
     """Append what light goes through: glass, or a thin wall of it."""
+    specular_n = facets.n
     color, specular_tint = not_negative(inputs.base_color), not_negative(inputs.specular_tint)
     color = (min(color[0], 1.0), min(color[1], 1.0), min(color[2], 1.0))
     ior, roughness = at_least(inputs.ior, 1e-5), clamp_unit(inputs.roughness)
@@ -173,10 +177,17 @@ def _add_transmission(closures, tables, lane, weight, wo, n, specular_n, is_back
     tint = (math.sqrt(color[0]), math.sqrt(color[1]), math.sqrt(color[2]))
     eta, f0 = 1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_of_eta(ior))
     film = film_of(inputs.film_thickness, inputs.film_ior, ior, is_backfacing)
-    append_glass(
-        closures, tables, lane, weight, wo, Facets(specular_n, n, alpha, alpha, inputs.distribution == MULTI_GGX),
-        Interface(eta, f0, (1.0, 1.0, 1.0), tint, film),
-    )  # fmt: skip
+    stretches = inputs.stretches_glass != 0 and facets.alpha_x != facets.alpha_y
+    if stretches:
+        alpha = mean_alpha(facets.alpha_x, facets.alpha_y)
+    isotropic = Facets(specular_n, specular_n, alpha, alpha, facets.is_multiple)
+    i = append_glass(
+        closures, tables, lane, weight, wo, isotropic, Interface(eta, f0, (1.0, 1.0, 1.0), tint, film)
+    )
+    if stretches:
+        if not film[0] > LEAST_THICKNESS:
+            change_lobe(closures, tables, lane, i, wo, FACETS_GGX, NO_FILM)
+        stretch_facets(closures.param, lane, i, specular_n, facets.tangent, facets.alpha_x, facets.alpha_y)
 
 
 @kernel
@@ -260,7 +271,7 @@ def add_principled(closures, tables, lane, weight, wo, ng, n, is_backfacing, inp
 
     f0_real = f0_of_eta(ior)
     if transmission > WEIGHT_CUTOFF:
-        _add_transmission(closures, tables, lane, scale(weight, transmission), wo, n, specular_n, is_backfacing, inputs)
+        _add_transmission(closures, tables, lane, scale(weight, transmission), wo, facets, is_backfacing, inputs)
         weight = scale(weight, 1.0 - transmission)
 
     eta = ior
@@ -286,7 +297,7 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
     specular level, specular tint, anisotropic, rotation, transmission, coat weight, coat roughness, coat ior, coat
     tint, sheen weight, sheen roughness, sheen tint, emission color, emission strength, alpha, subsurface weight,
     radius, scale, ior, anisotropy, thin wall, film thickness, film ior | distribution, subsurface method,
-    whether facets tint by bounce`.
+    whether facets tint by bounce, whether glass is anisotropic`.
     """
     n = safe_normal(read3(memory, code[pc + 3]), view.ns)
     inputs = PrincipledInputs(
@@ -325,6 +336,7 @@ def run_principled(closures, tables, lane, view, weight, memory, code, pc):
         film_thickness=memory[code[pc + 32]],
         film_ior=memory[code[pc + 33]],
         tints_by_bounce=code[pc + 36],
+        stretches_glass=code[pc + 37],
     )
     weights = (weight, weight, weight)
     add_principled(closures, tables, lane, weights, view.wo, view.ng, n, view.is_backfacing, inputs)

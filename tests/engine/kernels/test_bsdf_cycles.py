@@ -21,6 +21,7 @@ from tests.helpers.bsdf_harness import (
     GLASS,
     GLOSSY,
     LINKED,
+    MULTI_GGX,
     PRINCIPLED,
     REFRACTION,
     UP,
@@ -37,6 +38,7 @@ SUNS = ((0.3, 0.5, 0.9), (-0.5, -0.2, 0.9), (0.1, -0.2, -1.0))
 #: Normal of bumped cases in the frame of their plane.
 BUMP = np.array([0.6, 0.3, 0.75]) / np.linalg.norm([0.6, 0.3, 0.75])
 FILM = {"film_thickness": 420.0, "film_ior": 1.33}
+STRETCHED = {"anisotropic": 0.8, "rotation": 0.1}
 COPPER = {"color": (0.27, 0.68, 1.32), "specular_tint": (3.61, 2.63, 2.29)}
 PIXELS = 12
 #: Of the Blender that renders, 5.x.
@@ -119,7 +121,20 @@ CASES = [
     *[Case(LINKED, {"which": which, "color": ORANGE, "first": 0.9, "second": 0.0}) for which in (0, 2)],
     *[Case(LINKED, {"which": 1, "color": ORANGE, "first": sigma}) for sigma in (0.0, 0.3, 1.0)],
     Case(LINKED, {"which": 1, "color": ORANGE, "first": 0.6}, is_bumped=True),
+    Case(PRINCIPLED, {"color": ORANGE, "transmission": 1.0, "roughness": 0.5, **STRETCHED}),
+    Case(PRINCIPLED, {"color": ORANGE, "transmission": 0.7, "roughness": 0.4, **STRETCHED, **FILM}, GGX),
+    Case(PRINCIPLED, {"color": ORANGE, "transmission": 1.0, "roughness": 0.5, **STRETCHED}, GGX, is_backfacing=True),
 ]
+if MINOR_VERSION >= 3:
+    CASES += [
+        *[
+            Case(GLASS, {"color": ORANGE, "roughness": 0.5, "ior": 1.5, "anisotropic": by, "rotation": 0.1}, facets)
+            for by in (0.6, -0.6)
+            for facets in (MULTI_GGX, GGX, BECKMANN)
+        ],
+        Case(GLASS, {"color": ORANGE, "roughness": 0.5, "ior": 1.5, **STRETCHED}, GGX, is_backfacing=True),
+        Case(GLASS, {"color": ORANGE, "roughness": 0.5, "ior": 1.5, **STRETCHED, **FILM}),
+    ]
 
 NODES = {
     DIFFUSE: "ShaderNodeBsdfDiffuse",
@@ -294,7 +309,8 @@ def cycles(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 def lobes_of(case: Case, cosine: float) -> Lobes:
     """Our closures of a case, in the frame of its plane."""
-    case = replace(case, inputs={**case.inputs, "tints_by_bounce": float(MINOR_VERSION >= 3)})
+    of_version = float(MINOR_VERSION >= 3)
+    case = replace(case, inputs={**case.inputs, "tints_by_bounce": of_version, "stretches_glass": of_version})
     return Lobes(case, wo=at_cosine(cosine, np.pi), n=vector(*BUMP) if case.is_bumped else UP)
 
 

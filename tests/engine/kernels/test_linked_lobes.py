@@ -44,6 +44,9 @@ LOBES = [
     Case(REFRACTION, {"roughness": 0.5, "ior": 1.5}, BECKMANN),
     Case(GLASS, {"roughness": 0.5, "ior": 1.5}, BECKMANN, is_backfacing=True),
     Case(GLASS, {"roughness": 0.4, "ior": 1.5, **FILM}),
+    Case(GLASS, {"roughness": 0.5, "ior": 1.5, "anisotropic": 0.6, "rotation": 0.1}),
+    Case(GLASS, {"roughness": 0.5, "ior": 1.5, "anisotropic": -0.5}, BECKMANN, is_backfacing=True),
+    Case(PRINCIPLED, {"transmission": 0.7, "roughness": 0.5, "anisotropic": 0.8, "stretches_glass": 1.0}),
     Case(PRINCIPLED, {"metallic": 0.5, "roughness": 0.4, **FILM}),
     Case(LINKED, {"roughness": 0.5, "anisotropic": 0.7, **COPPER}),
     Case(LINKED, {"first": 1.0, **TOON}),
@@ -67,6 +70,29 @@ def test_samples_follow_the_density(case: Case, cosine: float) -> None:
     again, same = lobes.evaluate(directions[kept])
     np.testing.assert_allclose(again, pdfs[kept], rtol=1e-6)
     np.testing.assert_allclose(same, values[kept], rtol=1e-6)
+
+
+_ORANGE = {"color": (0.8, 0.4, 0.1), "roughness": 0.5, "ior": 1.5, "rotation": 0.1}
+#: What Cycles 5.3 gives by light samples: f cos in red, at cosines of the viewer of 0.8 and 1.
+STRETCHED = [
+    (Case(GLASS, {**_ORANGE, "anisotropic": 0.6}, GGX), (0.0011439, 3.5798)),
+    (Case(GLASS, {**_ORANGE, "anisotropic": 0.6}, BECKMANN), (3.5819e-05, 3.495)),
+    (Case(GLASS, {**_ORANGE, "anisotropic": 0.6}, GGX, is_backfacing=True), (0.0011606, 3.4715)),
+    (
+        Case(PRINCIPLED, {**_ORANGE, "transmission": 1.0, "anisotropic": 0.8, "stretches_glass": 1.0}, GGX),
+        (0.00034824, 0.062287),
+    ),
+]
+
+
+@pytest.mark.parametrize(("case", "values"), STRETCHED, ids=str)
+def test_anisotropic_glass_reflects_and_refracts_as_in_cycles(case: Case, values: tuple[float, float]) -> None:
+    for cosine, sun, expected in zip((0.8, 1.0), ((0.3, 0.5, 0.9), (0.1, -0.2, -1.0)), values, strict=True):
+        sine = np.sqrt(1.0 - cosine**2)
+        x, y, z = np.array(sun) / np.linalg.norm(sun)
+        wi = np.array([[x * cosine - z * sine, y, x * sine + z * cosine]])
+        value = Lobes(case, wo=at_cosine(cosine, np.pi)).evaluate(wi)[1][0, 0]
+        np.testing.assert_allclose(value, expected, rtol=2e-4)
 
 
 @pytest.mark.parametrize("which", [TOON, SHINE])
