@@ -64,7 +64,7 @@ class ShapeTrack:
             if kinds and kinds[0].rounds is not None:
                 self._add_rounds(row, items, kinds, kinds[0].rounds)
             elif kinds and kinds[0].mesh is not None and kinds[0].mesh.is_editmode:
-                # Its datablock is empty (`export_mesh`).
+                # Its datablock may be empty (`export_mesh`).
                 context.notice(kinds[0].name, "it is in Edit Mode", "it keeps its shape while the shutter is open")
             elif kinds and kinds[0].mesh is not None:
                 self._add(row, items, kinds, kinds[0].mesh)

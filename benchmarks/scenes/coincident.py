@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces in one place: a room whose walls have two layers, as of an extrusion of no length, and a rug in its floor."""
+"""Faces in one place: a room whose walls have two layers, as extrusion by nothing leaves, and a rug in its floor."""
 
 from __future__ import annotations
 

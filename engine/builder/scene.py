@@ -215,6 +215,17 @@ def _build_accelerator(cache: GeometryCache, geometry: GeometryArrays, masks: np
     return accelerator
 
 
+def _build_marked(
+    cache: SceneCache, same_place: SamePlace, unmarked: GeometryArrays, masks: np.ndarray, threads: int,
+    check_cancel: Callable[[], None],
+) -> tuple[GeometryArrays, Accelerator]:
+    """The geometry with the instances marked on which rays start and end in place, and the hierarchies."""
+    return cache.marked_geometry.build(
+        (cache.geometry.geometry.version, cache.same_place.version), same_place, unmarked, masks,
+        lambda marked: _build_accelerator(cache.geometry, marked, masks, threads), check_cancel,
+    )
+
+
 def _have_flag(cache: SceneCache, geometry: GeometryArrays, shaders: ShaderArrays, flags: int) -> np.ndarray:
     """Which instances have a material whose program has some of the flags, bool (I,)."""
     programs = (shaders.programs[:, PROGRAM_FLAGS] & flags) != 0
@@ -425,10 +436,7 @@ def build_scene(
     with ThreadPoolExecutor(1, thread_name_prefix="environment") as pool:
         # At the same time: neither needs the other, and they are most of the work.
         begun = pool.submit(_build_environment, cache, programs, geometry, tables, threads or os.cpu_count() or 1)
-        geometry, accelerator = cache.marked_geometry.build(
-            (cache.geometry.geometry.version, cache.same_place.version), same_place, geometry, masks,
-            lambda marked: _build_accelerator(cache.geometry, marked, masks, threads), check_cancel,
-        )
+        geometry, accelerator = _build_marked(cache, same_place, geometry, masks, threads, check_cancel)
         environment = begun.result()
     check_cancel()
     info = programs.program_info()
