@@ -156,10 +156,9 @@ def _written(item: Item, how: str, lookup: _Lookup) -> str:
     for outer in (width, precision):
         if outer:
             how = how.replace(outer, lookup.whole(outer), 1)
-    is_plain = isinstance(value, float) and not letter
     if letter and letter in "aA?":
         raise _Unsupported
-    if is_plain:
+    if isinstance(value, float) and not letter:
         # Python writes one digit more.
         how += "g" if "." in how else f".{_decimals(value)}f"
     try:
