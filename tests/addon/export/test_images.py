@@ -460,8 +460,7 @@ def test_sequences_follow_the_frame(node: Any, tmp_path: Path) -> None:
     assert [value(frame) for frame in (5, 6, 7, 9)] == [10, 20, 30, 30]
     user.use_cyclic = True
     assert [value(frame) for frame in (8, 9)] == [10, 20]
-    # Auto Refresh is for windows.
-    user.use_cyclic, user.frame_offset, user.use_auto_refresh = False, 1, False
+    user.use_cyclic, user.frame_offset, user.use_auto_refresh = False, 1, False  # That is for windows.
     assert [value(frame) for frame in (5, 6)] == [20, 30]
     assert value(7) == 255 and export().notices  # pink: there is no such file
     assert len(bpy.data.images) == 1
