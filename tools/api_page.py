@@ -35,8 +35,10 @@ SECTIONS = (
     Section("Describe a scene", "What a renderer needs to know of a scene, as plain data.", {
         "engine.scene.description": (
             "SceneDescription", "Camera", "Frame", "Mesh", "Attribute", "Instances", "Material", "NodeGraph", "Node",
-            "Link", "Light", "World", "PassSettings", "Aov", "PassMotion", "Notice",
+            "Link", "Light", "World", "Notice",
         ),
+        "engine.scene.passes": ("PassSettings", "Aov", "PassMotion"),
+        "engine.scene.fast_gi": ("FastGi",),
         "engine.scene.panorama": ("Panorama", "StereoEye"),
         "engine.scene.image": ("Image",),
         "engine.scene.instances": ("plain_instances", "empty_instances"),

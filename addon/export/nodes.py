@@ -14,7 +14,7 @@ import numpy as np
 
 from engine.scene.description import Link, Node, NodeGraph
 
-from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, NORMALS_AS_ATTRIBUTES, is_since
+from ..versions import GROUPS_INLINED, MISSING_IMAGES_UNCLIPPED, is_since
 from .context import ExportContext
 from .images import ImageExporter
 from .inlined_nodes import INLINED, Access
@@ -327,9 +327,6 @@ class GraphExporter:
     def _mesh_attribute(self, node: bpy.types.Node, name: str) -> str:
         if name in UNREAD:
             self._notice(node, f"attribute {name!r} is not supported", "0 everywhere")
-        elif name == "N" and is_since(NORMALS_AS_ATTRIBUTES):
-            problem = "attribute 'N' is in the world's space in Cycles, unless objects share a mesh"
-            self._notice(node, problem, "the object's space")
         return attribute_name(name)
 
     def _attributes_of_hits(self, node: bpy.types.Node, inputs: dict[str, Any]) -> tuple[tuple[str, str, str], ...]:

@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
-from engine.scene.description import PassMotion, SceneDescription
+from engine.scene.description import SceneDescription
+from engine.scene.passes import PassMotion
 
 from .context import ExportContext
 from .instances import Appearances

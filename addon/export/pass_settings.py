@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from engine.scene.description import Aov, PassSettings
+from engine.scene.passes import Aov, PassSettings
 
 from ..versions import BACKGROUND_VECTORS, LOOKED_UP_TRANSMISSION, is_newer, is_since
 from .context import ExportContext

@@ -10,6 +10,7 @@ import numpy as np
 
 from engine.scene.description import Camera, Frame, Instances, Light, Mesh, Portal, SceneDescription
 
+from .applied_transforms import move_normals
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import blender_to_xyz, working_space
 from .context import ExportCache, ExportContext, Window
@@ -133,6 +134,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     if camera_object is not None:
         cull(context, camera_object, frame, appearances)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
+    mesh_of = instances.mesh
     lights, lamps, portals = _export_lights(context, graphs, appearances)
     if world is not None and studio is None:
         world.portals = portals
@@ -162,6 +164,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         description.passes.motion = find_pass_motion(context, description, appearances, chosen, camera_object)
     if shutter is not None and camera_object is not None:
         add_motion(context, clock, shutter, description, appearances, chosen, camera_object)
+    move_normals(context, description, appearances.kinds, mesh_of, appearances.kind[chosen])
     description.notices = context.notices
     return description
 

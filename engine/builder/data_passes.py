@@ -11,7 +11,8 @@ from engine.array_types import Float32Array
 from engine.builder.camera_spaces import camera_matrices
 from engine.builder.scene import Scene
 from engine.scene.cryptomatte import matte_ids
-from engine.scene.description import Camera, Frame, PassMotion, SceneDescription
+from engine.scene.description import Camera, Frame, SceneDescription
+from engine.scene.passes import PassMotion
 from engine.state.data_passes import DataOptions, DataView, no_data
 from engine.state.shaders import CAMERA_WORLD_TO_NDC
 

@@ -8,8 +8,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from engine.scene.description import PassSettings
 from engine.scene.pass_names import MATTE_KINDS, PAIRS, aov_pass, matte_passes
+from engine.scene.passes import PassSettings
 from engine.shaders.aov_columns import COLOR_WIDTH, VALUE_WIDTH, aov_columns, aov_width
 from engine.state.data_passes import MIST_WIDTH, UV_WIDTH, VECTOR_WIDTH, DataLayout, DataOptions
 

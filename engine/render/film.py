@@ -20,7 +20,7 @@ from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
 from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
 from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
-from engine.scene.description import PassSettings
+from engine.scene.passes import PassSettings
 from engine.settings import RenderSettings
 from engine.state.columns import columns_of, rows_of
 from engine.state.film import (

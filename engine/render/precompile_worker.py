@@ -19,7 +19,6 @@ from engine.render import precompile
 from engine.render.compile_progress import report_to
 from engine.runtime import kernel_cache
 from engine.scene.description import (
-    Aov,
     Camera,
     Frame,
     Light,
@@ -28,13 +27,13 @@ from engine.scene.description import (
     Mesh,
     Node,
     NodeGraph,
-    PassSettings,
     SceneDescription,
     World,
 )
 from engine.scene.dicing import Dicing
 from engine.scene.fast_gi import FastGi
 from engine.scene.instances import plain_instances
+from engine.scene.passes import Aov, PassSettings
 from engine.scene.rounds import ROUND, SPHERES, Rounds
 from engine.spectral.wavelengths import WAVELENGTH_COUNT
 from engine.state.lanes import RGB

@@ -143,9 +143,8 @@ class Tracer:
         )
         self.view = SceneView(
             scene_header(scene, settings), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
-            scene.camera.filter,
-            tables_for(description.to_xyz) if channel_count > RGB else no_spectral_tables(), scene.geometry,
-            scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
+            scene.camera.filter, tables_for(description.to_xyz) if channel_count > RGB else no_spectral_tables(),
+            scene.geometry, scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
             build_data_view(scene, layout.data.options), scene.local_scenes.handles, options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.

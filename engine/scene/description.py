@@ -22,6 +22,7 @@ from engine.scene.grids import Grid, VolumeMotion
 from engine.scene.image import Image
 from engine.scene.linking import Linking
 from engine.scene.panorama import Panorama, StereoEye
+from engine.scene.passes import PassSettings
 from engine.scene.rounds import Rounds
 
 # Visibility of an instance, a light or the world to kinds of rays (bits of `visibility`).
@@ -394,72 +395,6 @@ class Frame:
     pixel_aspect_x: float = 1.0
     pixel_aspect_y: float = 1.0
     exposure: float = 1.0  # film exposure: a factor on radiance
-
-
-# Passes
-
-
-@dataclass(frozen=True)
-class Aov:
-    """A pass that materials and the world fill by their AOV Output nodes: its name, and whether colour or value."""
-
-    name: str
-    is_color: bool
-
-
-@dataclass
-class PassMotion:
-    """What moves between the frame before and the frame after, for motion vectors.
-
-    Attributes
-    ----------
-    camera : float32 (2, 4, 4) or None
-        Camera to world; None: it stands still.
-    lens : float32 (2, 3) or None
-        `Camera.lens`, `sensor_width` and `sensor_height` of a perspective camera; None: it does not zoom.
-    instances : dict of float32 (2, 4, 4)
-        Object to world, by index of the instance.
-    shapes : dict of float32 (2, V, 3)
-        Vertices, by index of the mesh.
-    """
-
-    camera: Float32Array | None = None
-    lens: Float32Array | None = None
-    instances: dict[int, Float32Array] = field(default_factory=dict)
-    shapes: dict[int, Float32Array] = field(default_factory=dict)
-
-
-@dataclass
-class PassSettings:
-    """What passes of data depend on besides the scene.
-
-    Attributes
-    ----------
-    alpha_threshold : float
-        Passes of one surface show the first of at least this alpha.
-    mist_start, mist_depth : float  [m]
-    mist_falloff : float
-        Exponent of the mist's share of the way.
-    occlusion_distance : float  [m]
-        How far the Ambient Occlusion pass looks.
-    background_moves : bool
-        Whether the background has motion vectors.
-    looks_up_transmission : bool
-        Whether what rough glass lets through is looked up like what it reflects, for passes of colour and denoisers;
-        otherwise the glass counts as smooth.
-    motion : PassMotion or None
-        None: everything stands still.
-    """
-
-    alpha_threshold: float = 0.5
-    mist_start: float = 0.0
-    mist_depth: float = 100.0
-    mist_falloff: float = 1.0
-    occlusion_distance: float = 10.0
-    background_moves: bool = False
-    looks_up_transmission: bool = False
-    aovs: tuple[Aov, ...] = ()
-    motion: PassMotion | None = None
 
 
 @dataclass

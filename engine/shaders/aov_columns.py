@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from engine.scene.description import Aov
+from engine.scene.passes import Aov
 from engine.shaders.compiled_program import AovColumns
 
 #: Columns of a colour, with alpha, and of a value.

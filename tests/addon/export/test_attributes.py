@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +99,7 @@ def test_names_of_cycles_on_other_meshes(blender: Any, tmp_path: Path) -> None:
         ("bare", "UVMap.tangent"), ("bare", "vertex_color"), ("deformed", "generated"), ("deformed", "Group"),
         ("keyed", "generated"), ("flattened", "generated"),
     ]  # fmt: skip
-    if not is_since(NORMALS_AS_ATTRIBUTES):
+    if not is_since(NORMALS_AS_ATTRIBUTES) or is_since(OWN_ATTRIBUTES_FIRST):
         cases += [(kind, "N") for kind in ("smooth", "flat", "mixed", "split", "sharp", "deformed")]
 
     def change(tile: Any, number: int) -> None:
@@ -171,3 +172,49 @@ def test_what_is_not_read_is_named(blender: Any) -> None:
     assert [notice.problem for notice in notices] == [
         "attribute 'generated_transform' is not supported"
     ]
+
+
+def test_normals_of_what_cycles_moves_are_in_the_world(blender: Any) -> None:
+    """One object alone, that is not blurred and has no light below its surface; windows do not move meshes."""
+    from addon.export.context import Window
+    from tests.helpers.attribute_scenes import attribute_material
+    from tests.helpers.blender_scenes import export
+
+    if not is_since(NORMALS_AS_ATTRIBUTES):
+        pytest.skip("until Blender 5.2 N is in the object's space")
+    scene = empty_scene()
+    bpy.ops.mesh.primitive_plane_add()
+    plane = bpy.context.object
+    # Turned from z to x, and mirrored.
+    plane.rotation_euler, plane.scale = (0.0, math.pi / 2, 0.0), (1.0, 2.0, -3.0)
+    material = attribute_material("GEOMETRY", "N")
+    plane.data.materials.append(material)
+
+    def normal(**arguments: Any) -> list[float]:
+        description = export(**arguments)
+        assert not description.notices
+        (normals,) = [mesh.attributes["standard:N"].data for mesh in description.meshes]
+        return [round(float(value), 5) + 0.0 for value in normals[0]]
+
+    own, moved = [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]
+    assert normal() == moved
+    assert normal(window=Window(is_shown=lambda shown: True)) == own
+    scattering = material.node_tree.nodes.new("ShaderNodeSubsurfaceScattering")
+    output = next(node for node in material.node_tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    glow = output.inputs["Surface"].links[0].from_socket
+    both = material.node_tree.nodes.new("ShaderNodeAddShader")
+    material.node_tree.links.new(glow, both.inputs[0])
+    material.node_tree.links.new(scattering.outputs[0], both.inputs[1])
+    material.node_tree.links.new(both.outputs[0], output.inputs["Surface"])
+    assert normal() == own
+    material.node_tree.links.new(glow, output.inputs["Surface"])
+    scene.render.use_motion_blur = True
+    assert normal() == moved
+    for frame, place in ((0, 0.0), (2, 1.0)):
+        plane.location.x = place
+        plane.keyframe_insert("location", frame=frame)
+    assert normal() == own
+    scene.render.use_motion_blur = False
+    assert normal() == moved
+    scene.collection.objects.link(plane.copy())
+    assert normal() == own

@@ -19,7 +19,6 @@ from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import (
     VISIBLE_ALL,
     VISIBLE_CAMERA,
-    Aov,
     Attribute,
     Camera,
     Frame,
@@ -31,8 +30,6 @@ from engine.scene.description import (
     Node,
     NodeGraph,
     Notice,
-    PassMotion,
-    PassSettings,
     SceneDescription,
     World,
 )
@@ -41,6 +38,7 @@ from engine.scene.fast_gi import FastGi
 from engine.scene.grids import Grid, VolumeMotion, pack_grid
 from engine.scene.instances import plain_instances
 from engine.scene.panorama import Panorama, StereoEye
+from engine.scene.passes import Aov, PassMotion, PassSettings
 from engine.scene.rounds import SPHERES, Rounds
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709

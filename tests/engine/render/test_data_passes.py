@@ -11,8 +11,9 @@ from engine.render.film import Film
 from engine.render.session import Session
 from engine.render.strata import StrataFilm
 from engine.scene.cryptomatte import matte_id
-from engine.scene.description import Aov, Link, Node, PassSettings
+from engine.scene.description import Link, Node
 from engine.scene.pass_names import aov_pass, matte_passes
+from engine.scene.passes import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout, allocate_tile
 from engine.state.unit import ALL_STRATA

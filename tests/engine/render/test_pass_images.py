@@ -13,8 +13,8 @@ import pytest
 from engine.render.film import PASS_NAMES, Film, PassImages, film_layout
 from engine.render.light_passes import group_pass
 from engine.render.session import Session
-from engine.scene.description import Aov, PassSettings
 from engine.scene.pass_names import MATTE_KINDS, aov_pass, matte_passes
+from engine.scene.passes import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.state.lanes import allocate_closures
 from tests.helpers.small_scenes import corner_scene

@@ -16,9 +16,10 @@ from engine.render.session import Session
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
-from engine.scene.description import Aov, Link, Node, NodeGraph, PassSettings, SceneDescription
+from engine.scene.description import Link, Node, NodeGraph, SceneDescription
 from engine.scene.grids import VolumeMotion
 from engine.scene.linking import ALL_SETS, Linking
+from engine.scene.passes import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.media_scenes import grid_of
