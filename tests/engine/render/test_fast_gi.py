@@ -106,6 +106,13 @@ def test_added_light_is_white_and_comes_at_every_bounce() -> None:
     assert all_of_them.mean() > 1.02 * first.mean()
 
 
+@pytest.mark.parametrize(("fast_gi", "expected"), [(FastGi(1, 0.3), 0.3), (FastGi(added=0.7), 1.7)])
+def test_it_is_the_same_with_wavelengths(fast_gi: FastGi, expected: float) -> None:
+    colors = [material(color=(0.6, 0.3, 0.1))]
+    shown = picture(scene_of(fast_gi, materials=colors), spectral="ON", samples=64).mean(axis=(0, 1))
+    assert shown == pytest.approx(expected * np.array([0.6, 0.3, 0.1]), rel=0.02)
+
+
 def test_added_light_is_what_is_free_of_the_hemisphere_and_in_no_pass_but_the_picture() -> None:
     scene = scene_of(FastGi(added=0.7), transforms=[np.eye(4), WALL], has_sky=False, distance=5.0)
     names = ("Combined", "Ambient Occlusion", "Diffuse Direct", "Diffuse Indirect")
