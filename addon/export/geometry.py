@@ -45,7 +45,7 @@ def export_mesh(
         Names of the mesh's vertex groups, which only an object that has the mesh knows.
     """
     read = partial(_read_mesh, context, mesh, request, vertex_groups)
-    if mesh.is_editmode and len(mesh.vertices) == 0:
+    if mesh.is_editmode:
         read = partial(_read_edited, context, owner, request, vertex_groups)
     return export_kept(context, owner, mesh.name_full, request, read)
 
@@ -129,7 +129,7 @@ def _is_untouched(context: ExportContext, original: bpy.types.Object) -> bool:
 def _read_edited(
     context: ExportContext, owner: bpy.types.Object, request: AttributeRequest, vertex_groups: tuple[str, ...]
 ) -> Mesh | None:
-    """The mesh of an object in Edit Mode that no modifier shows there: the datablock is empty, only a copy has it."""
+    """The mesh of an object in Edit Mode: the datablock has no UVs or is empty, only a copy has all."""
     # With arguments it would come with the modifiers that Object Mode shows.
     mesh = owner.to_mesh()
     try:

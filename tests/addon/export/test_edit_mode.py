@@ -9,7 +9,7 @@ import bpy
 import pytest
 
 from tests.helpers.blender_scenes import empty_scene, render_and_export
-from tests.helpers.plain_meshes import add_square
+from tests.helpers.plain_meshes import add_material, add_square
 
 
 @pytest.fixture
@@ -21,6 +21,8 @@ def scene() -> Any:
 def edited(scene: Any) -> Any:
     """Three squares in a row, made of one by a modifier, being edited."""
     square = add_square()
+    square.data.uv_layers.new(name="UVMap")
+    add_material(square, ("ShaderNodeUVMap", {"uv_map": "UVMap"}), output="UV")
     square.modifiers.new("Array", "ARRAY").count = 3
     bpy.context.view_layer.objects.active = square
     bpy.ops.object.mode_set(mode="EDIT")
@@ -37,6 +39,7 @@ def test_what_is_edited_is_seen_with_the_modifiers_that_are_shown_there(
     description = render_and_export(scene)
     assert len(description.meshes[0].triangles) == 2 * count
     assert description.meshes[0].vertices[:, 0].max() == pytest.approx(count)
+    assert any(len(attribute.data) == 6 * count for attribute in description.meshes[0].attributes.values())
     assert not description.notices
 
 
