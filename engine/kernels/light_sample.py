@@ -120,8 +120,7 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
     if has_program:
         flags |= LIGHT_HAS_PROGRAM
         out, is_world = work.light_points.real, sample.kind == LIGHT_BACKGROUND
-        # Normals face the receiver, as everywhere; the flag says whether that is the back. A sun's place is the
-        # direction that its light goes in, as in Cycles; the world's that in which it is seen.
+        # Normals face the receiver; the flag says whether that is the back. A sun's place is where its light goes.
         for c in range(3):
             out[lane, POINT_P + c] = sample.point[c] if distance < FAR else (wi[c] if is_world else -wi[c])
             out[lane, POINT_WO + c] = -wi[c]

@@ -277,8 +277,7 @@ class Light:
         [rad] area: pi = all directions.
     graph : NodeGraph or None
         Emission multiplies the light's strength; None = plain.
-    random, object_color, pass_index
-        In [0, 1); linear, with alpha; what its graph may read of the object.
+    random, object_color, pass_index : of the object, for its graph: in [0, 1); linear, with alpha
     """
 
     key: Hashable
