@@ -27,20 +27,18 @@ def _unit_as_cycles(vectors: np.ndarray) -> np.ndarray:
     return np.where(is_usable, single * inverse, unit(vectors)).astype(np.float64)
 
 
-def _sheared(
+def _leaning(
     axis_u: np.ndarray, axis_v: np.ndarray, direction: np.ndarray, length_u: np.ndarray, length_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which lamps' axes are not at right angles, bool (N,), and half of the box that these cover, (N, 3) [m].
-
-    Rays meet a corner where the distances along both axes are half the lengths (`area_lamp.FLAG_SHEARED`).
-    """
-    cosines = np.stack([(a * b).sum(axis=1) for a, b in ((axis_u, axis_v), (axis_u, direction), (axis_v, direction))])
-    is_sheared = np.abs(cosines).max(axis=0) > 1e-5
+    """Which lean (`area_lamp.FLAG_LEANING`), bool (N,), and half of the box that rays meet these in, (N, 3) [m]."""
+    across, *leaning = (
+        np.abs((a * b).sum(axis=1)) for a, b in ((axis_u, axis_v), (axis_u, direction), (axis_v, direction))
+    )
     rows = np.stack([axis_u, axis_v, direction], axis=1)
-    is_sheared &= np.abs(np.linalg.det(rows)) > 1e-6
-    inverse = np.linalg.inv(np.where(is_sheared[:, None, None], rows, np.eye(3)))
+    leans = (across <= 1e-5) & (np.maximum(*leaning) > 1e-5) & (np.abs(np.linalg.det(rows)) > 1e-6)
+    inverse = np.linalg.inv(np.where(leans[:, None, None], rows, np.eye(3)))
     reach = 0.5 * (np.abs(inverse[:, :, 0]) * length_u[:, None] + np.abs(inverse[:, :, 1]) * length_v[:, None])
-    return is_sheared, np.where(is_sheared[:, None], reach, 0.0)
+    return leans, np.where(leans[:, None], reach, 0.0)
 
 
 def _convert_areas(lamps: LampColumns, draft: LampDraft) -> None:
@@ -71,13 +69,18 @@ def _convert_areas(lamps: LampColumns, draft: LampDraft) -> None:
     values[:, area_lamp.TAN_SPREAD] = np.where(is_narrow, tangent, 0.0)
     values[:, area_lamp.SPREAD_SCALE] = np.where(is_narrow, spread_scale, 0.0)
     peak = np.where(is_parallel, 1e4, np.where(is_narrow, tangent * spread_scale, 1.0))
-    axis_u, axis_v = _unit_as_cycles(along_u), _unit_as_cycles(along_v)
+    # Where x and y are sheared the lamp is made rectangular: its normal is its plane's, on the side of its own -z.
+    axis_u = _unit_as_cycles(along_u)
+    sheared = (unit(along_v) * axis_u).sum(axis=1)
+    straight = unit(along_v - (along_v * axis_u).sum(axis=1)[:, None] * axis_u)
+    leans, reach = _leaning(axis_u, unit(along_v), lamps.direction, length_u, length_v)
+    axis_v = np.where((abs(sheared) > 1e-6)[:, None], straight, _unit_as_cycles(along_v))
     normal = np.cross(axis_u, axis_v)
     is_away = (normal * lamps.direction).sum(axis=1) < 0.0
     direction = np.where(is_away[:, None], -normal, normal)
-    is_sheared, reach = _sheared(axis_u, axis_v, lamps.direction, length_u, length_v)
-    direction = np.where(is_sheared[:, None], lamps.direction, direction)
-    draft.flags[is_sheared] |= area_lamp.FLAG_SHEARED
+    direction = np.where(leans[:, None], lamps.direction, direction)
+    draft.flags[leans] |= area_lamp.FLAG_LEANING
+    along_v = axis_v * length_v[:, None]
     values[:, area_lamp.AXIS_U : area_lamp.AXIS_U + 3] = axis_u
     values[:, area_lamp.AXIS_V : area_lamp.AXIS_V + 3] = axis_v
     values[:, area_lamp.DIRECTION : area_lamp.DIRECTION + 3] = direction

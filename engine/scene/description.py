@@ -281,7 +281,8 @@ class Light:
     spread : float
         [rad] area: pi = all directions.
     graph : NodeGraph or None
-        Emission multiplies the light's strength; None = plain. It may read `random`, in [0, 1), and what follows there.
+        Emission multiplies the light's strength; None = plain.
+    random, object_color, pass_index : of the object, for its graph: in [0, 1); linear, with alpha
     """
 
     key: Hashable

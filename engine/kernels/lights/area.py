@@ -26,9 +26,9 @@ from engine.state.lights import (
 AREA = FIRST_LAMP + 2
 
 FLAG_ELLIPSE = LAMP_FLAG_OF_KIND
-#: Its three axes are not at right angles. As in Cycles rays meet the part of the plane across DIRECTION whose distances
-#: along either axis are within half its length; light samples are drawn as if the axes were at right angles.
-FLAG_SHEARED = 2 * LAMP_FLAG_OF_KIND
+#: DIRECTION leans against its axes, which are at right angles. As in Cycles rays meet the part of the plane across
+#: DIRECTION whose distances along either axis are within half its length, and light samples lie in the axes' plane.
+FLAG_LEANING = 2 * LAMP_FLAG_OF_KIND
 
 # Columns of `LightArrays.lamps`.
 #: Unit.
@@ -86,7 +86,7 @@ def _lit_region(lamps, lamp_table, row, p):
     reach = height * lamps[row, TAN_SPREAD]
     foot_u = -dot(axis_u, offset)
     foot_v = -dot(axis_v, offset)
-    if lamp_table[row, LAMP_FLAGS] & FLAG_SHEARED:
+    if lamp_table[row, LAMP_FLAGS] & FLAG_LEANING:
         foot_u -= height * dot(axis_u, normal)
         foot_v -= height * dot(axis_v, normal)
     half_u = 0.5 * length_u
@@ -98,7 +98,7 @@ def _lit_region(lamps, lamp_table, row, p):
         apart = math.sqrt(foot_u * foot_u + foot_v * foot_v)
         if apart > 0.0:
             axis_u = scale(add(scale(axis_u, foot_u), scale(axis_v, foot_v)), 1.0 / apart)
-            if lamp_table[row, LAMP_FLAGS] & FLAG_SHEARED:
+            if lamp_table[row, LAMP_FLAGS] & FLAG_LEANING:
                 axis_u = normalize(subtract(scale(normal, -height), offset))
             axis_v = cross(normal, axis_u)
         foot_u = apart
@@ -139,19 +139,6 @@ def rectangle_frame(center, axis_u, length_u, axis_v, length_v):
     v = dot(center, axis_v)
     z = -abs(dot(center, cross(axis_u, axis_v)))
     return u - 0.5 * length_u, u + 0.5 * length_u, v - 0.5 * length_v, v + 0.5 * length_v, z
-
-
-@kernel
-def _region_frame(lamp_table, row, center, axis_u, length_u, axis_v, length_v):
-    """As `rectangle_frame`, of what is sampled of a lamp: where axes are not square Cycles measures from its corner."""
-    x0, x1, y0, y1, z = rectangle_frame(center, axis_u, length_u, axis_v, length_v)
-    if lamp_table[row, LAMP_FLAGS] & FLAG_SHEARED:
-        lean = 0.5 * dot(axis_u, axis_v)
-        x0 -= lean * length_v
-        x1 -= lean * length_v
-        y0 -= lean * length_u
-        y1 -= lean * length_u
-    return x0, x1, y0, y1, z
 
 
 @kernel
@@ -222,7 +209,7 @@ def area_pdf(lights, row, receiver, wi, distance):
         return 0.0 * distance
     solid_angle = 0.0 * distance
     if kind == _REGION_RECTANGLE:
-        x0, x1, y0, y1, z = _region_frame(lights.lamp_table, row, center, axis_u, length_u, axis_v, length_v)
+        x0, x1, y0, y1, z = rectangle_frame(center, axis_u, length_u, axis_v, length_v)
         _, _, _, _, solid_angle = rectangle_angles(x0, x1, y0, y1, z)
     return _region_pdf(kind, length_u, length_v, solid_angle, distance, cosine)
 
@@ -302,7 +289,7 @@ def sample_area(lights, row, receiver, u0, u1):
     x = (u0 - 0.5) * length_u
     y = (u1 - 0.5) * length_v
     if kind == _REGION_RECTANGLE:
-        x0, x1, y0, y1, z = _region_frame(lights.lamp_table, row, center, axis_u, length_u, axis_v, length_v)
+        x0, x1, y0, y1, z = rectangle_frame(center, axis_u, length_u, axis_v, length_v)
         n0, n2, g2, g3, solid_angle = rectangle_angles(x0, x1, y0, y1, z)
         x += 0.5 * (x0 + x1)
         y += 0.5 * (y0 + y1)

@@ -25,8 +25,6 @@ from tests.helpers.chi2 import cell_integrals, histogram, p_value, sidak
 P, N = (0.0, 0.0, 0.0), (0.0, 0.6, 0.8)
 #: Turned, sheared, unevenly scaled and mirrored.
 SKEWED = ((0.9, 0.3, 0.1), (0.2, -0.5, 0.1), (0.0, 0.3, 1.4))
-#: Turned, unevenly scaled and mirrored: light samples of sheared areas are not where rays meet them, as in Cycles.
-SCALED = ((1.2, 0.0, 0.3), (0.0, -0.5, 0.0), (-0.3, 0.0, 1.2))
 
 LAMPS = {
     "point": probe.lamp("POINT", (0.3, -0.4, 1.0), radius=0.5, use_soft_falloff=False),
@@ -37,9 +35,9 @@ LAMPS = {
     "spot soft": probe.lamp("SPOT", (0.5, 0.2, 0.8), radius=0.5, spot_angle=1.4, spot_blend=0.1),
     "spot scaled": probe.lamp("SPOT", (0.1, 0.2, 1), SKEWED, radius=0.4, use_soft_falloff=False, spot_angle=1.0),
     "square": probe.lamp("AREA", (0.3, -0.2, 0.6), size_x=1.4),
-    "rectangle": probe.lamp("AREA", (0.0, 0.5, 0.4), SCALED, shape="RECTANGLE", size_x=2.0, size_y=0.7),
+    "rectangle": probe.lamp("AREA", (0.0, 0.5, 0.4), SKEWED, shape="RECTANGLE", size_x=2.0, size_y=0.7),
     "disk": probe.lamp("AREA", (0.3, -0.2, 0.6), shape="DISK", size_x=1.4),
-    "ellipse": probe.lamp("AREA", (0.1, 0.5, 0.5), SCALED, shape="ELLIPSE", size_x=2.0, size_y=1.7),
+    "ellipse": probe.lamp("AREA", (0.1, 0.5, 0.5), SKEWED, shape="ELLIPSE", size_x=2.0, size_y=1.7),
     "square spread": probe.lamp("AREA", (0.5, -0.5, 0.6), size_x=1.4, spread=1.5),
     "disk spread": probe.lamp("AREA", (0.7, 0.0, 0.6), shape="DISK", size_x=1.4, spread=1.6),
     "disk spread inside": probe.lamp("AREA", (0.2, 0.0, 0.6), shape="DISK", size_x=3.0, spread=1.0),

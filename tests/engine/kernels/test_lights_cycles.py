@@ -23,6 +23,8 @@ SIZE = 16
 EXTENT = 2.0
 TURNED = np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]]).T
 SCALED = TURNED @ np.diag([2.0, 0.5, 1.5])
+#: Its z leans against x and y, which are at right angles.
+LEANING = np.array([[1.2, 0.0, 0.3], [0.0, 0.9, -0.2], [0.0, 0.0, 1.0]])
 
 LAMPS: dict[str, dict[str, Any]] = {
     "point": {"kind": "POINT", "radius": 0.0},
@@ -57,6 +59,20 @@ LAMPS: dict[str, dict[str, Any]] = {
     "disk spread 30": {"kind": "AREA", "shape": "DISK", "size_x": 1.5, "spread": math.radians(30.0)},
     "ellipse spread 60": {
         "kind": "AREA", "shape": "ELLIPSE", "size_x": 1.5, "size_y": 0.8, "spread": math.radians(60.0),
+    },
+    # Without rays: these meet such a lamp elsewhere than Cycles' light samples, which ours are compared with.
+    "rectangle leaning": {
+        "kind": "AREA", "shape": "RECTANGLE", "size_x": 1.0, "size_y": 0.6, "columns": LEANING.T, "use_mis": False,
+    },
+    "ellipse leaning": {
+        "kind": "AREA", "shape": "ELLIPSE", "size_x": 1.0, "size_y": 0.6, "columns": LEANING.T, "use_mis": False,
+    },
+    "rectangle leaning spread 60": {
+        "kind": "AREA", "size_x": 1.2, "columns": LEANING.T, "spread": math.radians(60.0), "use_mis": False,
+    },
+    "ellipse leaning spread 60": {
+        "kind": "AREA", "shape": "ELLIPSE", "size_x": 1.5, "size_y": 0.8, "columns": LEANING.T,
+        "spread": math.radians(60.0), "use_mis": False,
     },
     "square spread 1": {"kind": "AREA", "size_x": 1.5, "spread": math.radians(1.0)},
 }  # fmt: skip
@@ -181,10 +197,14 @@ def test_lamp(plane_scene: Any, added: list[Any], tmp_path: Path, name: str) -> 
     if kind == "AREA":
         data.shape, data.size, data.size_y, data.spread = light.shape, light.size_x, light.size_y, light.spread
     item = bpy.data.objects.new(name, data)
-    item.matrix_world = mathutils.Matrix(light.transform.tolist())
+    data.cycles.use_multiple_importance_sampling = light.use_mis
+    # Its own transform has no shear.
+    item.parent = bpy.data.objects.new("Parent", None)
+    item.matrix_parent_inverse = mathutils.Matrix(light.transform.tolist())
     item.visible_camera = False
     plane_scene.collection.objects.link(item)
-    added.append(item)
+    plane_scene.collection.objects.link(item.parent)
+    added.extend((item, item.parent))
     lights, geometry = probe.build(probe.make_description([light]))
     ours, error = _our_radiance(lights, geometry)
     _check(_render(plane_scene, tmp_path)[:, :, 0], ours, error)
