@@ -493,12 +493,11 @@ class RenderSettings:
 
     @property
     def learns_roulette(self) -> bool:
-        """Whether roulette goes by what is learned of surfaces."""
-        if self.roulette == "AUTO":
-            is_wanted = self.guiding_method == "AUTO" and self.is_guided
-        else:
-            is_wanted = self.roulette == "LEARNED"
-        return is_wanted and self.use_russian_roulette and self.radiance_cache == "OFF"
+        """Whether roulette may go by what is learned of surfaces; with a radiance cache once that is given up."""
+        is_automatic = self.roulette == "AUTO" and self.guiding_method == "AUTO" and self.is_guided
+        may_lose_cache = self.is_guided and self.measures_cache
+        is_wanted = self.roulette == "LEARNED" or is_automatic
+        return is_wanted and self.use_russian_roulette and (self.radiance_cache == "OFF" or may_lose_cache)
 
     @property
     def learns_lights(self) -> bool:

@@ -11,6 +11,7 @@ from engine.kernels.spectrum import to_rgb
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import DENOISING_ALBEDO
+from engine.state.group_parts import PARTS_MEASURED
 from engine.state.lanes import (
     FEATURES_DONE,
     PART_DIFFUSE,
@@ -78,12 +79,31 @@ def weigh_found(options, lights, paths, lane, emitter, leaves_dim, pdf):
 
 
 @kernel
+def measured_group_count(channels, passes):
+    """How many light groups paths measure the radiance cache by, where they do: int.
+
+    Their parts: one for each group, that of cells, what was found of each group and of none, and those of media.
+    """
+    return (passes.parts.shape[1] // len(channels) - PART_GROUPS - VOLUME_PARTS - 2) // 2
+
+
+@kernel
+def found_part(channels, passes):
+    """First part of what measuring paths find behind their end, by light group, then of none: int."""
+    return PART_GROUPS + measured_group_count(channels, passes) + 1
+
+
+@kernel
 def _add_parts(channels, passes, lane, contribution, row, depth, factor, group):
     """Add `factor` times row `row` of `contribution` to the path's parts; see `add_radiance`.
 
     What the camera sees of a light is in the Emission and Environment passes, and in its group only.
     """
     count = len(channels)
+    if passes.is_open[lane] == PARTS_MEASURED:
+        found = found_part(channels, passes) + (group if group != NO_GROUP else measured_group_count(channels, passes))
+        for c in range(count):
+            passes.parts[lane, found * count + c] += factor * contribution[row, c]
     if passes.is_open[lane] != 1:
         return
     if depth >= 0:

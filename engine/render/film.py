@@ -18,7 +18,15 @@ from engine.guiding.models.residual import with_relative_residual, with_residual
 from engine.kernels.film_sums import sums_adder
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
-from engine.render.light_passes import LIGHT_PASSES, OCCLUSION_PASS, light_images, light_part_count
+from engine.render.group_residual import groups_behind
+from engine.render.light_passes import (
+    LIGHT_PASSES,
+    OCCLUSION_PASS,
+    asks_for_groups,
+    group_pass,
+    light_images,
+    light_part_count,
+)
 from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
 from engine.scene.passes import PassSettings
 from engine.settings import RenderSettings
@@ -89,7 +97,8 @@ def film_layout(
     shadow catchers and media.
     """
     data = data_layout(passes, pass_settings or PassSettings())
-    part_count = light_part_count(passes, light_groups, has_media=has_media)
+    measures_groups = settings.measures_cache and asks_for_groups(passes, light_groups)
+    part_count = light_part_count(passes, light_groups, has_media=has_media, measures_groups=measures_groups)
     return FilmLayout(
         use_features=bool(passes & FEATURE_PASSES or data.options.is_used),
         use_residual=settings.measures_cache,
@@ -97,6 +106,7 @@ def film_layout(
         use_denoising=bool(passes & DENOISING_PASSES),
         light_part_count=part_count,
         light_groups=tuple(light_groups) if part_count else (),
+        measures_groups=measures_groups,
         use_occlusion=OCCLUSION_PASS in passes,
         shows_background="Environment" in passes,
         has_catchers=has_catchers,
@@ -257,6 +267,19 @@ class Film:
             images["Combined"] = combined
         return images
 
+    def _behind(
+        self, sums: FilmTile, scale: np.ndarray, residual: np.ndarray | None, shape: tuple[int, int],
+        names: set[str] | frozenset[str],
+    ) -> np.ndarray | None:
+        """Light of each group that its part lacks, None where none does."""
+        layout = self.layout
+        if residual is None or not layout.measures_groups or not asks_for_groups(names, layout.light_groups):
+            return None
+        spread = sums.weight_squared * scale[:, 0] ** 2
+        return groups_behind(
+            sums.light, len(layout.light_groups), layout.light_part_count, scale, spread, residual, shape
+        )
+
     def _images(
         self, sums: FilmTile, shape: tuple[int, int], names: set[str] | frozenset[str], exposure: float
     ) -> dict[str, np.ndarray]:
@@ -293,10 +316,11 @@ class Film:
                 images[name] = image.reshape(*shape, width)
         if len(sums.light):
             residual = whole - mean if len(sums.residual) else None
+            behind = self._behind(sums, scale, residual, shape, names)
             images |= {
                 name: image.reshape(*shape, 3)
                 for name, image in light_images(
-                    names, self.layout.light_groups, sums.light, scale, residual, exposure
+                    names, self.layout, sums.light, scale, residual, exposure, behind
                 ).items()
             }
         if self.layout.use_features:
@@ -366,6 +390,10 @@ class PassImages(MutableMapping[str, np.ndarray]):
         """Names of what is made with it."""
         if name in _OF_PICTURE:
             return self._names & _OF_PICTURE
+        layout = self._film.layout
+        groups = frozenset(map(group_pass, layout.light_groups)) if layout.measures_groups else frozenset()
+        if name in groups:
+            return self._names & groups
         kind = matte_kind(name)
         return frozenset(other for other in self._names if other == name or (kind and matte_kind(other) == kind))
 

@@ -11,7 +11,7 @@ from engine.builder.scene import Scene
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.sources.sequence import with_sequence_u
 from engine.render.film import Film, film_layout
-from engine.render.light_passes import group_pass
+from engine.render.light_passes import asks_for_groups
 from engine.render.request import RenderRequest
 from engine.render.strata import strata_count
 from engine.scene.description import Frame, Notice, SceneDescription
@@ -147,13 +147,12 @@ def _with_short_rays(settings: RenderSettings, notices: list[Notice]) -> RenderS
 
 def _cache_notice(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> Notice | None:
     """Why the radiance cache cannot be used, None where it can."""
-    problem = "knows no light groups, shadow catchers or media"
-    groups = map(group_pass, scene.description.light_groups)
+    problem = "knows no light groups"
     if settings.channel_count > RGB:
         problem = "knows no wavelengths"
     elif scene.description.fast_gi.is_used:
         problem = "knows no Fast GI Approximation"
-    # Nor what shadow catchers would have alone, nor what is within media.
-    elif not (passes.intersection(groups) or scene.has_catchers or scene.media.is_used):
+    # Paths that measure what the cache lacks know groups.
+    elif settings.measures_cache or not asks_for_groups(passes, scene.description.light_groups):
         return None
     return Notice("Radiance cache", problem, "paths find all light themselves")

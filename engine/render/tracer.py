@@ -31,6 +31,7 @@ from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
+from engine.state.group_parts import SPLITS_MEASURED
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
@@ -76,7 +77,7 @@ _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_c
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
-    UNIT_SHOWS_BACKGROUND, UNIT_PREDICTS,
+    UNIT_SHOWS_BACKGROUND, UNIT_PREDICTS, UNIT_USES_CACHE,
 ]  # fmt: skip
 
 
@@ -409,7 +410,7 @@ class Tracer:
         header[UNIT_SHADER_MODE] = self.mode
         header[UNIT_USE_FEATURES] = self.layout.use_features
         header[UNIT_USE_DENOISING] = self.layout.use_denoising
-        header[UNIT_SPLITS_LIGHT] = self.layout.light_part_count > 0
+        header[UNIT_SPLITS_LIGHT] = SPLITS_MEASURED if self.layout.measures_groups else self.layout.light_part_count > 0
         header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
         header[UNIT_SHOWS_BACKGROUND] = self.layout.shows_background
         header[UNIT_CATCHES] = self.layout.has_catchers

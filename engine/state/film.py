@@ -12,6 +12,7 @@ from engine.array_types import Float32Array, Int32Array
 from engine.runtime.bundle import Bundle
 from engine.state.columns import allocate, column
 from engine.state.data_passes import NO_DATA, DataLayout
+from engine.state.group_parts import FOUND_WIDTH
 
 # Columns of the feature sums, written at the first surface that is not transparent.
 FEATURE_NORMAL = 0
@@ -42,7 +43,6 @@ LIGHT_GLOSSY_COLOR = 3
 LIGHT_TRANSMISSION_COLOR = 6
 LIGHT_OCCLUSION = 9  # share of the hemisphere that nothing hides
 LIGHT_PARTS = 12
-
 # Columns of FilmTile.caught: light of shadow catchers, and what they would have alone; background, behind and beside
 # them; by how much they raise alpha; samples that have met one.
 CAUGHT_LIGHT = 0
@@ -118,8 +118,8 @@ class FilmTile(Bundle):
     )
     # There are as many light groups, AOVs and levels of mattes as the user likes.
     light: Float32Array = column(
-        "light taken apart, by LIGHT_*, then parts of three columns", "P", "light", needs="light_part_count",
-        merge=Merge.SUM, is_dynamic=True,
+        "light taken apart, by LIGHT_*, then parts of three columns, then FOUND_*", "P", "light",
+        needs="light_part_count", merge=Merge.SUM, is_dynamic=True,
     )
     caught: Float32Array = column(
         "of shadow catchers, by CAUGHT_*", "P", CAUGHT_WIDTH, needs="has_catchers", merge=Merge.SUM
@@ -147,6 +147,8 @@ class FilmLayout:
     #: Parts that light is taken apart into, those of light groups the last; 0: it is not.
     light_part_count: int = 0
     light_groups: tuple[str, ...] = ()
+    #: Whether paths measure what the radiance cache lacks by light group.
+    measures_groups: bool = False
     use_occlusion: bool = False
     #: Whether there is an Environment pass.
     shows_background: bool = False
@@ -156,6 +158,12 @@ class FilmLayout:
     #: Of scenes with shadow catchers.
     is_transparent: bool = False
     data: DataLayout = NO_DATA
+
+    @property
+    def light_width(self) -> int:
+        """Columns of light taken apart."""
+        found = FOUND_WIDTH * (len(self.light_groups) + 1) if self.measures_groups else 0
+        return LIGHT_PARTS + 3 * self.light_part_count + found
 
     @property
     def data_width(self) -> int:
@@ -177,7 +185,7 @@ def allocate_tile(pixel_count: int, channel_count: int, layout: FilmLayout = PLA
         "P": pixel_count,
         "C": channel_count,
         "2 C": 2 * channel_count,
-        "light": LIGHT_PARTS + 3 * layout.light_part_count,
+        "light": layout.light_width,
         "D": layout.data_width,
         "M": layout.matte_count,
     }

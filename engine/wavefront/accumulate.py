@@ -6,10 +6,12 @@ import math
 import numpy as np
 
 from engine.kernels.prefetch import ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.radiance import found_part, measured_group_count
 from engine.kernels.rng import hash_combine
 from engine.kernels.spectrum import to_rgb
 from engine.runtime.jit import kernel
 from engine.state.film import CAUGHT_ALONE, CAUGHT_COVER, CAUGHT_LIGHT, LIGHT_PARTS
+from engine.state.group_parts import FOUND_SQUARE, FOUND_WIDTH, SPLITS_MEASURED
 from engine.state.lanes import RAY_CATCHER_HIT, RGB
 from engine.wavefront.columns import (
     REJECTS,
@@ -44,13 +46,39 @@ def is_in_half(sample):
 
 
 @kernel
+def _measured_half(paths, lane):
+    """Which half of the measuring paths a path belongs to: 0 or 1."""
+    return np.int64(hash_combine(paths.rng[lane], np.uint32(paths.sample[lane])) & np.uint32(1))
+
+
+@kernel
+def _keep_found(spectrum, paths, passes, lane, film, scale):
+    """Have what a measuring path has found by light group count `scale` times, and keep one half of that and its
+    squares.
+    """
+    pixel, count, first = paths.pixel[lane], len(paths.channels), found_part(paths.channels, passes)
+    in_second = _measured_half(paths, lane) != 0
+    column = LIGHT_PARTS + RGB * (passes.parts.shape[1] // count)
+    for part in range(first, first + measured_group_count(paths.channels, passes) + 1):
+        for c in range(count):
+            passes.parts[lane, part * count + c] *= scale
+            passes.value[0, c] = passes.parts[lane, part * count + c]
+        color = to_rgb(spectrum, paths, lane, passes.value, 0)
+        for c in range(RGB):
+            if in_second:
+                film.light[pixel, column + c] += color[c]
+            film.light[pixel, column + FOUND_SQUARE] += color[c] * color[c] * np.float32(1.0 / RGB)
+        column += FOUND_WIDTH
+
+
+@kernel
 def _take_cached(spectrum, paths, cached, lane, film, scale):
     """Leave a measuring path with the radiance that the cache gave it, and keep what that lacked, `scale` times."""
     for c in range(len(paths.channels)):
         cached.base[lane, c] += cached.predicted[lane, c]
         paths.radiance[lane, c] -= cached.base[lane, c]
     lacked = to_rgb(spectrum, paths, lane, paths.radiance, lane)
-    half = np.int64(hash_combine(paths.rng[lane], np.uint32(paths.sample[lane])) & np.uint32(1))
+    half = _measured_half(paths, lane)
     if film.residual.shape[0] > 0:
         pixel = paths.pixel[lane]
         cached_color = to_rgb(spectrum, paths, lane, cached.base, lane)
@@ -140,6 +168,8 @@ def accumulate(scene, unit, work, queue):
             film.half_weight[pixel] += np.float32(1.0)
         if finite and uses_cache and work.cached.is_measured[lane] != 0:
             _take_cached(spectrum, paths, work.cached, lane, film, residual_scale)
+            if unit.header[UNIT_SPLITS_LIGHT] == SPLITS_MEASURED:
+                _keep_found(spectrum, paths, work.passes, lane, film, residual_scale)
         if finite:
             color = to_rgb(spectrum, paths, lane, paths.radiance, lane)
             for c in range(RGB):

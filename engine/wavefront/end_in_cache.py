@@ -8,6 +8,9 @@ it never ends at a surface that the camera sees, directly or in anything that re
 close together. It ends before the surface is shaded: the cell knows what the surface sends back, texture, light
 sampling and all.
 
+In media paths go on. These spread footprints like surfaces, and a path that one has sent on may end at the next
+surface.
+
 Some paths go on all the same, chosen by their hash. They find what the cache should have said: it learns from those
 that are recorded, and `accumulate` keeps the difference.
 """
@@ -24,12 +27,13 @@ from engine.kernels.bsdf.kinds import SUBSURFACE
 from engine.kernels.constants import FLOAT_MAX, FOUR_PI
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
-from engine.kernels.radiance import NO_GROUP, add_radiance
+from engine.kernels.radiance import NO_GROUP, add_radiance, measured_group_count
 from engine.kernels.rng import hash_combine
 from engine.kernels.rounds import shape_at
 from engine.kernels.vector import dot, load, store, subtract
 from engine.runtime.jit import kernel
 from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, SHAPE_TRIANGLES
+from engine.state.group_parts import PARTS_MEASURED, SPLITS_MEASURED
 from engine.state.lanes import (
     CACHE_VERTEX_BEFORE,
     CACHE_VERTEX_NG,
@@ -42,11 +46,13 @@ from engine.state.lanes import (
     POINT_NG,
     POINT_P,
     POINT_PROGRAM,
+    RAY_CATCHER_HIT,
     RAY_DIFFUSE_ANCESTOR,
     RAY_SINGULAR,
     RAY_SUBSURFACE,
     RAY_TERMINATE_AFTER_TRANSPARENT,
     RAY_TERMINATE_ON_NEXT_SURFACE,
+    RAY_VOLUME,
     RGB,
 )
 from engine.state.shaders import PROGRAM_FLAGS, PROGRAM_HAS_EMISSION, PROGRAM_MAY_BE_TRANSPARENT
@@ -59,6 +65,8 @@ _FAR_LIMIT = 8
 #: Surfaces that are smoother do not teach the cache: what they send back depends on where to.
 _LEAST_ROUGHNESS = np.float32(0.1)
 _LEAST_COSINE = np.float32(0.01)
+#: What has to have sent a path on before it may end: a diffuse lobe once, or a medium last.
+_SPREADS = RAY_DIFFUSE_ANCESTOR | RAY_VOLUME
 _ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 
 
@@ -110,9 +118,10 @@ def _arrive(scene, paths, cached, points, lane):
         return False
     if cached.pdf[lane] > 0.0:
         cached.arriving[lane] += footprint_root(load(cached.origin, lane), p, n, cached.pdf[lane])
-    if not paths.flags[lane] & RAY_DIFFUSE_ANCESTOR:
+    if not paths.flags[lane] & _SPREADS:
         return False
-    if paths.flags[lane] & _ENDS or not has_spread(cached, lane, cached.arriving[lane]):
+    # What catchers show is told from what they would show alone, and no path measures that.
+    if paths.flags[lane] & (_ENDS | RAY_CATCHER_HIT) or not has_spread(cached, lane, cached.arriving[lane]):
         return False
     return is_cached_surface(scene, points.integer[lane, POINT_INSTANCE], points.integer[lane, POINT_PROGRAM])
 
@@ -137,6 +146,14 @@ def _note(paths, cached, points, lane):
 
 
 @kernel
+def _cells_group(unit, paths, passes):
+    """Light group that stands for cells: they do not know whose their light is."""
+    if unit.header[UNIT_SPLITS_LIGHT] == SPLITS_MEASURED:
+        return measured_group_count(paths.channels, passes)
+    return NO_GROUP
+
+
+@kernel
 def end_in_cache(scene, unit, radiance, work, queue):
     """Look at paths that have hit a surface: end them, or note what they would have ended with.
 
@@ -149,7 +166,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
     """
     options, cells = scene.options, radiance.cells
     paths, cached, points, contribution, passes = work.paths, work.cached, work.points, work.f_cos, work.passes
-    threshold = unit.header[UNIT_MEASURE_THRESHOLD]
+    threshold, group = unit.header[UNIT_MEASURE_THRESHOLD], _cells_group(unit, paths, passes)
     lanes, lane_count = queue.lanes, queue.count[0]
     # Nothing waits for shadows yet.
     asking, asking_count = work.pending.lanes, 0
@@ -204,13 +221,13 @@ def end_in_cache(scene, unit, radiance, work, queue):
             continue
         work.counts[CACHED_PATHS + min(int(paths.depth[lane]), CACHED_DEPTHS) - 1] += 1
         # What the cell has learned from has been clamped.
-        add_radiance(paths, passes, lane, contribution, lane, np.int64(paths.depth[lane]), 1.0, NO_GROUP)
+        add_radiance(paths, passes, lane, contribution, lane, np.int64(paths.depth[lane]), 1.0, group)
         if np.int64(chosen) >= threshold:
             paths.alive[lane] = 0
             continue
         cached.is_measured[lane] = 1
         if unit.header[UNIT_SPLITS_LIGHT] != 0:
-            passes.is_open[lane] = 0
+            passes.is_open[lane] = PARTS_MEASURED if group != NO_GROUP else 0
         for c in range(len(paths.channels)):
             cached.predicted[lane, c] = paths.radiance[lane, c] - cached.base[lane, c]
             paths.radiance[lane, c] = cached.base[lane, c]
@@ -270,3 +287,32 @@ def follow_footprints(scene, unit, work, queue):
         cached.root[lane] = cached.arriving[lane]
         store(cached.origin, lane, real_3(points, lane, POINT_P))
         cached.pdf[lane] = np.float32(0.0) if paths.flags[lane] & RAY_SINGULAR else paths.mis_pdf[lane]
+
+
+@kernel
+def follow_collisions(scene, unit, work, queue):
+    """Move the footprints of the paths that media have sent on.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.active`: guided collisions are in no other.
+    """
+    paths, cached, points = work.paths, work.cached, work.points
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] == 0 or not paths.flags[lane] & RAY_VOLUME or paths.depth[lane] == cached.depth[lane]:
+            continue
+        p = real_3(points, lane, POINT_P)
+        segment = subtract(p, load(cached.origin, lane))
+        squared = dot(segment, segment)
+        # A medium faces every ray.
+        if cached.depth[lane] == 0:
+            cached.seen[lane] = squared / FOUR_PI
+        elif cached.pdf[lane] > 0.0:
+            cached.root[lane] += math.sqrt(squared / cached.pdf[lane])
+        cached.depth[lane] = paths.depth[lane]
+        store(cached.origin, lane, p)
+        share = work.media.collision_share[lane]
+        cached.pdf[lane] = paths.mis_pdf[lane] / share if share > 0.0 else np.float32(0.0)

@@ -50,7 +50,7 @@ from engine.wavefront.columns import (
 )
 from engine.wavefront.cross_below import cross_below
 from engine.wavefront.draw_candidates import draw_candidates
-from engine.wavefront.end_in_cache import end_in_cache, follow_footprints
+from engine.wavefront.end_in_cache import end_in_cache, follow_collisions, follow_footprints
 from engine.wavefront.enter_portals import enter_portals
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
@@ -311,6 +311,7 @@ _STAGES = (
     Stage(guide_resample, "guide_resample", _is_guided, _guided),
     Stage(cross_boundaries, "sample_medium", _MEDIA),
     Stage(split_scattered, "split_light", _SPLITS_LIGHT),
+    Stage(follow_collisions, "end_in_cache", _all(_uses_cache, _MEDIA)),
     Stage(follow_footprints, "end_in_cache", _uses_cache),
     Stage(collect_records, "collect_records", _records),
     Stage(collect_cache_records, "collect_records", _uses_cache),

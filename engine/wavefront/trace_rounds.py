@@ -347,6 +347,15 @@ def _follow_rays(stages, scene, unit, work):
 
 
 @kernel
+def _follow_footprints(stages, scene, unit, work):
+    """Say how far paths have spread that were sent on."""
+    if scene.header[SCENE_HAS_MEDIA] != 0:
+        stages.follow_collisions(scene, unit, work, work.active)
+    stages.follow_footprints(scene, unit, work, work.surface)
+    mark(work.clock, CLOCK.end_in_cache)
+
+
+@kernel
 def _trace_paths(stages, scene, unit, work):
     """Find what rays of paths meet."""
     if scene.header[SCENE_HAS_HIDDEN_LAMPS] != 0:
@@ -439,8 +448,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             stages.split_scattered(scene, unit, work, work.surface)
             mark(clock, CLOCK.split_light)
         if unit.header[UNIT_USES_CACHE] != 0:
-            stages.follow_footprints(scene, unit, work, work.surface)
-            mark(clock, CLOCK.end_in_cache)
+            _follow_footprints(stages, scene, unit, work)
         if unit.header[UNIT_RECORD_THRESHOLD] != 0:
             stages.collect_records(scene, unit, work, work.active)
             if unit.header[UNIT_USES_CACHE] != 0:

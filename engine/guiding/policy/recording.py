@@ -67,16 +67,18 @@ class GuidedRecording(Recording):
         A pixel, that are recorded before anything is learned.
     source : LearnedSource or None
         What directions are drawn from, if not the mixture field: networks learn from all that there is.
+    cache : Standing or None
+        The radiance cache's, which does so too.
     """
 
     def __init__(
         self, context: RenderContext, budget: RecordBudget, guiding: GuidingQuestion, first_samples: int,
-        source: LearnedSource | None,
+        source: LearnedSource | None, cache: Standing | None,
     ) -> None:
         super().__init__(context, budget)
-        self._guiding, self._first_samples, self._source = guiding, first_samples, source
-        #: Whether records are wanted however little is left of the render.
-        self._needs_all = source is not None or context.settings.radiance_cache != "OFF"
+        self._guiding, self._first_samples, self._source, self._cache = guiding, first_samples, source, cache
+        #: Whether the source wants records however little is left of the render.
+        self._needs_all = source is not None
 
     def first(self) -> Guidance:
         self.budget.is_frugal = self._guiding.is_doubtful
@@ -87,12 +89,12 @@ class GuidedRecording(Recording):
         if iteration.is_early:
             weights = None if self._context.light_clusters is None else iteration.image.weights
             return Guidance(settings, int(iteration.traced.recorded_share * 2**32), pixel_weight=weights)
-        if not self._needs_all:
+        if not self._needs_all and (self._cache is None or self._cache.is_over):
             left = iteration.samples_left - iteration.next_range[1]
             budget.samples_left = 0.0 if iteration.is_next_last else max(left, 1.0)
         if self._source is not None and self._source.is_over:
             # From the next iteration on: what stands in for the source has learned from all of this one.
-            self._needs_all = settings.radiance_cache != "OFF"
+            self._needs_all = False
         budget.is_frugal = self._guiding.is_doubtful
         samples = iteration.next_range[1] * agenda.guided_share
         return Guidance(settings, budget.threshold(samples, agenda.pixel_share))
@@ -172,6 +174,37 @@ class CacheRecording(Recording):
         if iteration.next_sample >= rules.cache_early_samples:
             threshold = min(threshold, int(rules.cache_measured_share * 2**32))
         return Guidance(self._context.settings, threshold)
+
+
+class BehindCache(Recording):
+    """Teaches the radiance cache until that is given up, and goes on as another recording then.
+
+    Parameters
+    ----------
+    cached : CacheRecording
+    behind : UnguidedRecording
+    standing : Standing
+        The cache's.
+    """
+
+    def __init__(
+        self, context: RenderContext, cached: CacheRecording, behind: UnguidedRecording, standing: Standing
+    ) -> None:
+        super().__init__(context, cached.budget)
+        self._now: Recording = cached
+        self._behind, self._standing = behind, standing
+
+    def count(self, iteration: Iteration) -> None:
+        self._now.count(iteration)
+
+    def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
+        if self._standing.is_over and self._now is not self._behind:
+            self._now = self._behind
+            self._behind.budget.paths_per_sample = self.budget.paths_per_sample
+            self.budget = self._behind.budget
+        guidance = self._now.next(iteration, agenda)
+        self.is_over = self._now.is_over
+        return guidance
 
 
 def learns_after(samples: int, *, lights_pay: bool, rules: Rules = RULES) -> bool:

@@ -38,7 +38,7 @@ from engine.guiding.policy.questions.method import Ladder, MethodQuestion
 from engine.guiding.policy.questions.network import NetworkQuestion
 from engine.guiding.policy.questions.question import Question
 from engine.guiding.policy.questions.roulette import RouletteQuestion
-from engine.guiding.policy.recording import CacheRecording, GuidedRecording, Recording, UnguidedRecording
+from engine.guiding.policy.recording import BehindCache, CacheRecording, GuidedRecording, Recording, UnguidedRecording
 from engine.guiding.policy.remaining_samples import RemainingSamples
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.sample_weights import GrowingWeights, SampleWeights, TrialWeights
@@ -168,7 +168,8 @@ class _Guided:
             resumed = predictors.resume(self.start.state, regions.models.mixture.region_count)
         ladder = Ladder(settings, self.rungs, predictors.by_name, rules)
         gate = self._gate(ladder)
-        roulette = LearnedRoulette(context) if settings.learns_roulette else None
+        cache_standing = self.cache_standing if self.has_cache else None
+        roulette = LearnedRoulette(context, cache=cache_standing) if settings.learns_roulette else None
         lights = None if context.light_clusters is None else LightsOfRegions(context, standing, regions)
         method = MethodQuestion(
             context, standing, regions, predictors, self.costs, ladder, gate
@@ -195,19 +196,24 @@ class _Guided:
             ),
             media,
             None if roulette is None else RouletteQuestion(
-                context, standing, roulette, keeps_outside_trial=self.trial_share < 1.0, uses_clock=self.uses_clock
+                context, standing, roulette, keeps_outside_trial=self.trial_share < 1.0, uses_clock=self.uses_clock,
+                cache=cache_standing,
             ),
             CacheQuestion(context, self.cache_standing) if self.has_cache else None,
         ]  # fmt: skip
         evidence = self._evidence()
         first_samples = 1 if self.cautious is None else rules.cautious_samples
-        recording = GuidedRecording(context, _budget(context), guiding, first_samples, self.source)
+        recording = GuidedRecording(context, _budget(context), guiding, first_samples, self.source, cache_standing)
 
         def rest(paths_per_sample: int) -> Recording:
             if not self.has_cache:
                 return UnguidedRecording(context, paths_per_sample, lights, roulette, after_guiding=True)
             budget = RecordBudget(paths_per_sample, context.unit_pixels, rules=rules)
-            return CacheRecording(context, budget, self.cache_standing)
+            cached = CacheRecording(context, budget, self.cache_standing)
+            if roulette is None:
+                return cached
+            behind = UnguidedRecording(context, paths_per_sample, None, roulette, after_guiding=True)
+            return BehindCache(context, cached, behind, self.cache_standing)
 
         if self.start is not None:
             self._resume(self.start, guiding, method, recording, resumed, is_auto=ladder.is_auto)

@@ -160,3 +160,6 @@ def test_who_asks_for_nothing_learns_nothing():
         {"use_russian_roulette": False}, {"radiance_cache": "FAST"},
     ):  # fmt: skip
         assert not replace(settings, **change).learns_roulette
+    # A cache that may be given up leaves a plain guided render behind.
+    assert replace(settings, radiance_cache="CONVERGING").learns_roulette
+    assert not RenderSettings(roulette="LEARNED", radiance_cache="CONVERGING").learns_roulette

@@ -207,7 +207,7 @@ def test_meshes_that_glow_have_groups():
 def test_cells_of_the_cache_know_no_groups_and_the_report_says_so():
     description = grouped_scene()
     result = render(description, passes=["Combined", "Combined_Key"], radiance_cache="FAST", samples=8)
-    assert any(notice.problem == "knows no light groups, shadow catchers or media" for notice in result.report.notices)
+    assert any(notice.problem == "knows no light groups" for notice in result.report.notices)
     assert sum(result.report.cached_shares) == 0.0
 
 
@@ -290,6 +290,8 @@ def test_only_light_passes_need_parts():
     assert light_part_count(("Combined", "Depth", "Emission"), ("Key",)) == 0
     assert light_part_count(("Combined", "Glossy Color"), ()) == 6
     assert light_part_count(("Combined", "Combined_Key"), ("Key", "Rim")) == 8
+    # What cells said, what was found of each group and of none, and two of media.
+    assert light_part_count(("Combined", "Combined_Key"), ("Key", "Rim"), measures_groups=True) == 14
 
 
 def test_dividing_keeps_white_light_white():

@@ -189,6 +189,15 @@ def test_a_cache_that_lies_is_given_up(monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_guided_render_that_has_given_its_cache_up_tries_learned_roulette(monkeypatch):
+    distort(monkeypatch, lambda sums: 3.0 * sums)
+    settings = ENDLESS | {"samples": 127, "max_bounces": 12, "diffuse_bounces": 12}
+    report = render("AUTO", 1, **settings, radiance_cache="CONVERGING").report.guiding
+    assert report.cache_stopped_at and report.stopped_at
+    assert any("learned roulette over OFF" in trial for trial in report.trials)
+
+
+@pytest.mark.slow
 def test_the_error_falls_with_the_samples_where_the_cache_lies(monkeypatch):
     """By a fifth, everywhere: never far from the error of unguided rendering, and ever less."""
     distort(monkeypatch, lambda sums: 1.2 * sums)

@@ -57,15 +57,23 @@ def test_time_comes_before_wavelengths():
     assert resolved(only, scene_of(moves=True))[0].request.settings.u_dimension == "NONE"
 
 
-@pytest.mark.parametrize("lacking", [{"catches": True}, {"media": True}, {"groups": ("Key",)}])
-def test_the_cache_is_left_where_it_lacks_something(lacking):
-    passes = COMBINED | {"Combined_Key"}
-    found, problems = resolved(CACHED, scene_of(**lacking), passes)
-    assert found.request.settings.radiance_cache == "OFF"
-    assert problems == ["knows no light groups, shadow catchers or media"]
+@pytest.mark.parametrize("kind", ["CONVERGING", "FAST", "AUTO"])
+@pytest.mark.parametrize("having", [{"catches": True}, {"media": True}])
+def test_the_cache_is_there_with_shadow_catchers_and_media(kind, having):
+    found, problems = resolved(RenderSettings(radiance_cache=kind), scene_of(**having))
+    assert (found.request.settings.radiance_cache, problems, found.cache_left_out) == (kind, [], "")
+
+
+def test_light_groups_need_paths_that_measure_the_cache():
+    passes, scene = COMBINED | {"Combined_Key"}, scene_of(groups=("Key",))
+    found, problems = resolved(CACHED, scene, passes)
+    assert found.request.settings.radiance_cache == "CONVERGING" and problems == []
+    assert found.request.layout.measures_groups and not resolved(CACHED, scene)[0].request.layout.measures_groups
+    fast = RenderSettings(radiance_cache="FAST")
+    found, problems = resolved(fast, scene, passes)
+    assert found.request.settings.radiance_cache == "OFF" and problems == ["knows no light groups"]
     # A light group that nobody asks for is no reason.
-    if "groups" in lacking:
-        assert resolved(CACHED, scene_of(**lacking))[0].request.settings.radiance_cache == "CONVERGING"
+    assert resolved(fast, scene)[0].request.settings.radiance_cache == "FAST"
 
 
 @pytest.mark.parametrize("fast_gi", [FastGi(bounces=1), FastGi(added=0.5)])
@@ -95,7 +103,6 @@ def test_an_automatic_cache_is_left_without_a_warning_where_it_cannot_be():
     assert found.request.layout.use_residual
     for settings, scene, reason in (
         (automatic, scene_of(disperses=True), "wavelengths"),
-        (automatic, scene_of(catches=True), "shadow catchers"),
         (replace(automatic, samples=LEAST_CACHED_SAMPLES - 1), scene_of(), "so few samples"),
     ):
         found, problems = resolved(settings, scene)

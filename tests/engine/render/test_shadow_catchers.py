@@ -9,7 +9,8 @@ from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shado
 from engine.scene.description import World
 from engine.settings import RenderSettings
 from engine.state.film import CAUGHT_ALONE, CAUGHT_COUNT, CAUGHT_LIGHT, CAUGHT_WIDTH
-from tests.helpers.small_scenes import floor_scene, sun
+from tests.helpers.seeded_renders import Z_LIMIT, z_score
+from tests.helpers.small_scenes import floor_scene, pit_scene, sun
 
 pytestmark = pytest.mark.estimator
 
@@ -91,9 +92,26 @@ def test_guided_paths_catch_the_same_shadows():
     assert guided.mean(axis=(0, 1)) == pytest.approx(plain.mean(axis=(0, 1)), abs=0.01)
 
 
-def test_the_cache_is_off_and_the_report_says_so():
-    result = render(catching(), radiance_cache="FAST")
-    assert any("shadow catchers" in notice.problem for notice in result.report.notices)
+def catching_pit():
+    """A pit, one wall of which catches shadows, under a sun and a sky."""
+    scene = pit_scene((24, 24))
+    scene.world = World("world", "World", None, (0.1, 0.1, 0.2))
+    scene.instances.is_shadow_catcher = np.array([False, True, False, False, False])
+    return scene
+
+
+def test_with_a_converging_cache_the_picture_and_its_shadows_are_right_on_average():
+    """Paths of catchers find all light themselves; those of the walls end in the cache."""
+    long = {"samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "passes": ("Combined", CATCHER_PASS)}
+    means: dict[str, list] = {"OFF": [], "CONVERGING": []}
+    for cache, found in means.items():
+        for seed in range(4):
+            first = 100 if cache == "OFF" else 0
+            result = render(catching_pit(), radiance_cache=cache, seed=first + seed, **long)
+            assert not result.report.notices and (sum(result.report.cached_shares) > 0.1) == (cache != "OFF")
+            found.append([result.passes[name][..., :3].mean() for name in long["passes"]])
+    for plain, cached in zip(np.transpose(means["OFF"]), np.transpose(means["CONVERGING"]), strict=True):
+        assert z_score(cached, plain) < Z_LIMIT and cached.mean() == pytest.approx(plain.mean(), rel=0.02)
 
 
 def test_shares_and_shadows_of_pixels():

@@ -16,6 +16,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
 from engine.guiding.policy.rules import RULES, Rules
+from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import ImageState, Way
 from engine.guiding.records.vertices import VertexRecords, allocate_vertex_records
 from engine.ris.orca import image_variance, sample_variance
@@ -32,11 +33,13 @@ class LearnedRoulette(Learnable):
     context : RenderContext
     until : float
         Samples a pixel from which on nothing more is learned.
+    cache : Standing, optional
+        That of the radiance cache: as long as it lasts, the first samples are learned from and no path goes by them.
     """
 
-    def __init__(self, context: RenderContext, until: float = math.inf) -> None:
+    def __init__(self, context: RenderContext, until: float = math.inf, cache: Standing | None = None) -> None:
         self._report = context.report
-        self._until = until
+        self._until, self._cache, self._early_samples = until, cache, context.rules.learned_samples
         self._model = RouletteModel(context.rules)
 
     @property
@@ -46,7 +49,9 @@ class LearnedRoulette(Learnable):
 
     def learn(self, iteration: Iteration) -> None:
         weights = iteration.image.weights
-        if not iteration.row_count or iteration.next_sample > self._until or weights is None:
+        lasts = self._cache is not None and not self._cache.is_over
+        until = min(self._until, self._early_samples) if lasts else self._until
+        if not iteration.row_count or iteration.next_sample > until or weights is None:
             return
         started = time.perf_counter()
         self._model.learn(iteration.records, iteration.row_count, iteration.sums, weights, iteration.costs)

@@ -140,17 +140,24 @@ class RouletteQuestion(Question):
         Whether samples of pixels that a trial leaves unguided are kept to judge by.
     uses_clock : bool
         Whether units cost seconds; else rays.
+    cache : Standing, optional
+        The radiance cache's: as long as paths end there, roulette goes by the throughput.
     """
 
     def __init__(
         self, context: RenderContext, standing: Standing, roulette: LearnedRoulette, *, keeps_outside_trial: bool,
-        uses_clock: bool,
+        uses_clock: bool, cache: Standing | None = None,
     ) -> None:
+        self._cache = cache
         self._context, self._standing, self._roulette, self._uses_clock = context, standing, roulette, uses_clock
         self._trial: RouletteTrial | None = None
         self._outside_trial: RouletteOutsideTrial | None = None
         if keeps_outside_trial and context.pixel_count <= context.rules.roulette_most_pixels:
             self._outside_trial = RouletteOutsideTrial(context.pixel_count, uses_clock=uses_clock, rules=context.rules)
+
+    @property
+    def _has_cache(self) -> bool:
+        return self._cache is not None and not self._cache.is_over
 
     @property
     def is_comparing(self) -> bool:
@@ -171,7 +178,7 @@ class RouletteQuestion(Question):
             self._context.report.trials.append(trial.judge(iteration.image.weights, iteration.next_sample))
 
     def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
-        if not self._standing.is_over or self._trial is not None:
+        if not self._standing.is_over or self._trial is not None or self._has_cache:
             return ()
         trial = self._trial = RouletteTrial(
             self._context.pixel_count, iteration.next_range, uses_clock=self._uses_clock,
@@ -183,7 +190,7 @@ class RouletteQuestion(Question):
 
     def way(self, way: Way) -> Way:
         is_won = self._trial is None or (self._trial.is_won and not self._trial.is_running)
-        return replace(way, ends_by_learned=is_won)
+        return replace(way, ends_by_learned=is_won and not self._has_cache)
 
     def challenge(self, way: Way) -> Way:
         return replace(way, ends_by_learned=True)
