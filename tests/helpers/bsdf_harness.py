@@ -262,10 +262,10 @@ class Lobes:
             unknown = set(case.inputs) - set(_SCALARS) - set(_COLORS)
             assert not unknown, unknown
             is_film = case.inputs.get("film_thickness", 0.0) != 0.0
-            is_anisotropic = case.inputs.get("anisotropic", 0.0) != 0.0
-            if case.node == LINKED or case.distribution >= BECKMANN or is_film or is_anisotropic:
+            is_stretched = case.node == GLASS and case.inputs.get("anisotropic", 0.0) != 0.0
+            if case.node == LINKED or case.distribution >= BECKMANN or is_film or is_stretched:
                 link_lobes()
-            if case.node == LINKED or (case.node == GLASS and is_anisotropic):
+            if case.node == LINKED or is_stretched:
                 instruction = _linked_instruction(case, n, tangent)
                 _append_linked(self.closures, self.tables, wo, ng, ns, case.is_backfacing, *instruction)
                 continue

@@ -15,6 +15,7 @@ import pytest
 from engine.builder.scene import Scene, SceneCache, build_scene
 from engine.render.session import Session
 from engine.scene import description as contract
+from engine.scene import passes
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import (
     VISIBLE_ALL,
@@ -351,6 +352,8 @@ CHANGES: dict[str, list[Change]] = {
     "Light.visibility": [_set("lights.0.visibility", VISIBLE_ALL & ~2)],
     "Light.graph": [_set("lights.2.graph", None), _graph("lights.2", 0, "Strength", 0.1)],
     "Light.random": [_set("lights.0.random", 0.7)],
+    "Light.object_color": [_set("lights.0.object_color", (0.5, 1.0, 1.0, 1.0))],
+    "Light.pass_index": [_set("lights.0.pass_index", 3)],
     "Light.light_group": [_set("lights.0.light_group", 0)],
     "Light.temperature": [_set("lights.0.temperature", 3000.0)],
     "Material.key": [_set("materials.0.key", "another")],
@@ -471,9 +474,9 @@ CHANGES: dict[str, list[Change]] = {
 #: Fields that tell hosts or messages something, or that this scene's kernels do not read: no array shows them.
 UNSEEN = frozenset({
     "SceneDescription.working_space", "SceneDescription.frame_current", "SceneDescription.shutter", "World.key",
-    "World.name", "Light.key", "Light.name", "Light.random", "Material.key", "Material.name", "Material.user",
-    "Node.name", "Image.key", "Image.name", "Image.folder", "Mesh.key", "Mesh.name", "Instances.name",
-    "Instances.asset",
+    "World.name", "Light.key", "Light.name", "Light.random", "Light.object_color", "Light.pass_index", "Material.key",
+    "Material.name", "Material.user", "Node.name", "Image.key", "Image.name", "Image.folder", "Mesh.key", "Mesh.name",
+    "Instances.name", "Instances.asset",
     "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
     "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
     "PassSettings.occlusion_distance", "PassSettings.background_moves", "PassSettings.looks_up_transmission",
@@ -523,9 +526,10 @@ def _changed(change: Change) -> SceneDescription:
 
 
 def test_each_field_of_the_description_has_an_entry() -> None:
-    homes = (contract.__name__, Image.__module__)
-    members = inspect.getmembers(contract, dataclasses.is_dataclass)
-    classes = [item for _, item in members if item.__module__ in homes]
+    homes = (contract.__name__, Image.__module__, PassSettings.__module__)
+    members = [*inspect.getmembers(contract, dataclasses.is_dataclass), *inspect.getmembers(passes)]
+    found = {item for _, item in members if dataclasses.is_dataclass(item) and item.__module__ in homes}
+    classes = sorted(found, key=lambda item: item.__name__)
     names = {f"{item.__name__}.{field.name}" for item in classes for field in dataclasses.fields(item)}
     assert names == set(CHANGES)
     assert names >= UNSEEN

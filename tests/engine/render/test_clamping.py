@@ -11,6 +11,7 @@ import pytest
 import engine.guiding.models.light_selection as light_selection
 from engine.kernels.clamping import Unguided, clamped_share, weighted_inverse
 from engine.kernels.radiance import power_heuristic
+from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 from engine.wavefront.options import make_options
 from tests.helpers.light_probe import lamp
@@ -82,7 +83,7 @@ def test_lights_that_are_chosen_otherwise_are_clamped_as_by_the_tree(plain, monk
 
 def test_both_techniques_multiply_by_the_same_number():
     """By hand: f = 6 in one channel, found with densities 0.5 by scattering and 2 by light sampling; the limit is 1."""
-    options = make_options(RenderSettings(clamp_indirect=1.0 / 3.0), 1.0, 1.0)
+    options = make_options(RenderSettings(clamp_indirect=1.0 / 3.0), 1.0, 1.0, FastGi())
     scatter, light, f, channels = np.float32(0.5), np.float32(2.0), np.float32(6.0), (0, 1, 2)
     by_scattering, by_light = power_heuristic(scatter, light), power_heuristic(light, scatter)
     assert by_scattering == pytest.approx(1.0 / 17.0) and by_light == pytest.approx(16.0 / 17.0)

@@ -378,13 +378,6 @@ def test_a_box_a_million_times_as_large_as_what_is_in_it():
     assert np.allclose(image, 2.0 * np.exp(-0.1 * 9.9 * (1.0 - np.array([0.5, 0.2, 0.8]))), rtol=5e-4)
 
 
-def test_the_radiance_cache_is_off_in_media_and_says_so():
-    fog = medium("Scatter", Density=0.5)
-    report = render(media_scene([fog], [placed()]), radiance_cache="CONVERGING").report
-    assert [notice.subject for notice in report.notices] == ["Radiance cache"]
-    assert "media" in report.notices[0].problem
-
-
 @pytest.mark.parametrize("is_varying", [False, True])
 @pytest.mark.parametrize("kind", ["lamp", "mesh"])
 def test_lights_within_media_too_dense_to_see_into_are_found_alike_by_both_techniques(kind, is_varying):

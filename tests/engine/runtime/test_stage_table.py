@@ -17,6 +17,7 @@ from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
 from engine.scene.description import Link, Node, NodeGraph, SceneDescription
+from engine.scene.fast_gi import FastGi
 from engine.scene.grids import VolumeMotion
 from engine.scene.linking import ALL_SETS, Linking
 from engine.scene.passes import Aov, PassSettings
@@ -41,6 +42,9 @@ _OF_LINKS = {
     "meet_hidden_lamps", "leave_hidden_lamps", "meet_varying_lamps", "keep_varying_lamps", "add_varying_lamps",
     "shift_terminator",
 }  # fmt: skip
+#: Of Fast GI, which adds light to the scene with media; short rays are for unguided renders.
+_OF_FAST_GI = {"shorten_rays", "lengthen_rays", "dim_background"}
+_OF_ADDED_LIGHT = {"aim_added_light", "leave_added_light"}
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
 
@@ -244,6 +248,7 @@ def test_the_main_loop_passes_what_its_stages_take(
         _fill_with_fog(next(item.graph for item in description.materials if item.graph is not None))
         velocity = np.full((4, 4, 4, 3), 0.1, np.float32)
         description.meshes[0].volume_motion = VolumeMotion(grid_of(velocity, np.eye(4)), 0.5, 1.0)
+        description.fast_gi = FastGi(added=1.0)
     has_subsurface = method == "VMM_RIS"
     if has_subsurface:
         description.materials[0].graph = below().graph
@@ -272,7 +277,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
     assert set(StageType.called_with) >= set(stages)
     # The world is not constant in this scene, no model weighs candidates, none has portals, nor media and subsurface.
-    unused = {"fill_background", "ask_model", "cross_below", "enter_portals"} | _OF_UNIFORM_MEDIA
+    unused = {"fill_background", "ask_model", "cross_below", "enter_portals"} | _OF_UNIFORM_MEDIA | _OF_FAST_GI
     if spectral == "OFF":
         unused |= _OF_WAVELENGTHS
     if cache == "OFF" or spectral == "ON":
@@ -281,6 +286,10 @@ def test_the_main_loop_passes_what_its_stages_take(
         unused |= _OF_CATCHERS
     if not has_media:
         unused |= _OF_MEDIA
+    if not has_media or cache == "OFF":
+        unused |= {"follow_collisions"}
+    if not has_media:
+        unused |= _OF_ADDED_LIGHT
     if not has_subsurface:
         unused |= _OF_SUBSURFACE | _OF_CURVES
     if not has_links:

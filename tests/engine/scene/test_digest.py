@@ -17,7 +17,7 @@ COUNT = 300
 OTHERS = {
     "key": ("light", ("Lamp", 999)), "name": "Other", "kind": "SPOT", "transform": 2 * np.eye(4, dtype=np.float32),
     "color": (1.0, 1.0, 0.5), "energy": 1, "shape": "DISK", "graph": NodeGraph(), "max_bounces": 7, "visibility": 3,
-    "light_group": 5,
+    "light_group": 5, "object_color": (0.5, 1.0, 1.0, 1.0),
 }  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import pytest
 import tests.helpers.light_probe as probe
 from engine.runtime.bundle import Bundle
 from engine.scene.description import VISIBLE_ALL, VISIBLE_CAMERA, VISIBLE_DIFFUSE
+from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 from engine.spectral.tables import SpectralTables, no_spectral_tables
 from engine.state.film import FilmTile, allocate_tile
@@ -48,6 +49,7 @@ def _paths(directions: Any, flags: int, pdf: Any = 0.0, hit_distance: float = 1e
     paths.depth[:] = 1
     paths.hit_distance[:] = hit_distance
     paths.hit_instance[:] = -1 if hit_distance > 1e20 else 0
+    paths.reach[:] = np.inf
     return paths
 
 
@@ -86,7 +88,8 @@ def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
         np.zeros(2, np.int32), np.full(1, -1, np.int32), np.full(1, -1, np.int32), no_majorants(0),
     )
     header = np.zeros(SCENE_HEADER_WIDTH, np.int64)
-    scene = _Scene(header, lights, media, no_spectral_tables(), make_options(RenderSettings(**settings), 1.0, 10.0))
+    options = make_options(RenderSettings(**settings), 1.0, 10.0, FastGi())
+    scene = _Scene(header, lights, media, no_spectral_tables(), options)
     queue = allocate_queue(count)
     queue.lanes[:], queue.count[0] = np.arange(count), count
     work = _Work(
