@@ -84,7 +84,7 @@ CASES: dict[str, Case] = {
         Case("texel", "fail-texel"),
         *(Case(f"scale-{s}", f"fail-scale-{s}") for s in ("1e-4", "1", "1e6")),
         Case("offset-1e4", "fail-offset-1e4"),
-        Case("coplanar", "fail-coplanar"),
+        Case("coplanar", "fail-plane"),
         Case("alpha-fog", "fail-alpha-fog", 31),
         Case("albedo", "fail-albedo", size=(24, 18), settings={"max_bounces": 16, "diffuse_bounces": 16},
              text="Walls that reflect 99.9% of the light, for sixteen bounces: each enters the weight of a path"),
