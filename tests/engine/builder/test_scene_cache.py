@@ -351,11 +351,9 @@ CHANGES: dict[str, list[Change]] = {
     "Light.max_bounces": [_set("lights.0.max_bounces", 0)],
     "Light.visibility": [_set("lights.0.visibility", VISIBLE_ALL & ~2)],
     "Light.graph": [_set("lights.2.graph", None), _graph("lights.2", 0, "Strength", 0.1)],
-    "Light.random": [_set("lights.0.random", 0.7)],
-    "Light.object_color": [_set("lights.0.object_color", (0.5, 1.0, 1.0, 1.0))],
-    "Light.pass_index": [_set("lights.0.pass_index", 3)],
-    "Light.light_group": [_set("lights.0.light_group", 0)],
-    "Light.temperature": [_set("lights.0.temperature", 3000.0)],
+    "Light.random": [_set("lights.0.random", 0.7)], "Light.pass_index": [_set("lights.0.pass_index", 3)],
+    "Light.object_color": [_set("lights.0.object_color", (0.5,) * 4)],
+    "Light.light_group": [_set("lights.0.light_group", 0)], "Light.temperature": [_set("lights.0.temperature", 3000.0)],
     "Material.key": [_set("materials.0.key", "another")],
     "Material.name": [_set("materials.0.name", "Another")],
     "Material.graph": [_set("materials.0.graph", None), _set("materials.1.graph", _PLAIN)],
@@ -466,9 +464,8 @@ CHANGES: dict[str, list[Change]] = {
     "PassMotion.shapes": [_set("passes.motion", PassMotion(shapes={0: np.zeros((2, 1, 3), np.float32)}))],
     "Aov.name": [_set("passes.aovs", (Aov("Another", True),))],
     "Aov.is_color": [_set("passes.aovs", (Aov("Tint", False),))],
-    "Notice.subject": [_set("notices", [Notice("x", "b", "c")])],
-    "Notice.problem": [_set("notices", [Notice("a", "x", "c")])],
-    "Notice.fallback": [_set("notices", [Notice("a", "b", "x")])],
+    **{f"Notice.{name}": [_set("notices", [dataclasses.replace(Notice("a", "b", "c"), **{name: "x"})])]
+       for name in ("subject", "problem", "fallback")},
 }  # fmt: skip
 
 #: Fields that tell hosts or messages something, or that this scene's kernels do not read: no array shows them.
@@ -476,11 +473,11 @@ UNSEEN = frozenset({
     "SceneDescription.working_space", "SceneDescription.frame_current", "SceneDescription.shutter", "World.key",
     "World.name", "Light.key", "Light.name", "Light.random", "Light.object_color", "Light.pass_index", "Material.key",
     "Material.name", "Material.user", "Node.name", "Image.key", "Image.name", "Image.folder", "Mesh.key", "Mesh.name",
-    "Instances.name", "Instances.asset",
-    "PassSettings.alpha_threshold", "PassSettings.mist_start", "PassSettings.mist_depth", "PassSettings.mist_falloff",
-    "PassSettings.motion", "PassMotion.camera", "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes",
-    "PassSettings.occlusion_distance", "PassSettings.background_moves", "PassSettings.looks_up_transmission",
-    "SceneDescription.light_groups", "SceneDescription.fast_gi", "World.light_group",
+    "Instances.name", "Instances.asset", "PassSettings.alpha_threshold", "PassSettings.mist_start",
+    "PassSettings.mist_depth", "PassSettings.mist_falloff", "PassSettings.motion", "PassMotion.camera",
+    "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes", "PassSettings.occlusion_distance",
+    "PassSettings.background_moves", "PassSettings.looks_up_transmission", "SceneDescription.light_groups",
+    "SceneDescription.fast_gi", "World.light_group",
 })  # fmt: skip
 
 
@@ -527,9 +524,8 @@ def _changed(change: Change) -> SceneDescription:
 
 def test_each_field_of_the_description_has_an_entry() -> None:
     homes = (contract.__name__, Image.__module__, PassSettings.__module__)
-    members = [*inspect.getmembers(contract, dataclasses.is_dataclass), *inspect.getmembers(passes)]
-    found = {item for _, item in members if dataclasses.is_dataclass(item) and item.__module__ in homes}
-    classes = sorted(found, key=lambda item: item.__name__)
+    members = [*inspect.getmembers(contract), *inspect.getmembers(passes)]
+    classes = {item for _, item in members if dataclasses.is_dataclass(item) and item.__module__ in homes}
     names = {f"{item.__name__}.{field.name}" for item in classes for field in dataclasses.fields(item)}
     assert names == set(CHANGES)
     assert names >= UNSEEN
