@@ -78,6 +78,12 @@ class LampColumns:
         return self.matrix[:, :3, :3]
 
     @property
+    def inverse_axes(self) -> np.ndarray:
+        """From the world to its own axes, (N, 3, 3); those of lamps without extent stay the world's."""
+        is_invertible = np.abs(np.linalg.det(self.axes)) >= 1e-30
+        return np.linalg.inv(np.where(is_invertible[:, None, None], self.axes, np.eye(3)))
+
+    @property
     def direction(self) -> np.ndarray:
         """Direction of the lamp's own -z, unit, (N, 3)."""
         return unit(-self.matrix[:, :3, 2])

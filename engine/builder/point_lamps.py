@@ -27,9 +27,7 @@ def _convert_points(lamps: LampColumns, draft: LampDraft) -> None:
     draft.scale = np.where(is_round, 1.0 / (math.pi * area), of_delta)
     intensity = lamps.mean * draft.scale
     values[:, sphere.RADIUS] = radius
-    is_invertible = np.abs(np.linalg.det(lamps.axes)) >= 1e-30
-    axes = np.where(is_invertible[:, None, None], lamps.axes, np.eye(3))
-    values[:, sphere.INVERSE : sphere.INVERSE + 9] = np.linalg.inv(axes).reshape(-1, 9)
+    values[:, sphere.INVERSE : sphere.INVERSE + 9] = lamps.inverse_axes.reshape(-1, 9)
     position = lamps.matrix[:, :3, 3]
     bounds[:, lt.BOUNDS_LOWER : lt.BOUNDS_LOWER + 3] = position - radius[:, None]
     bounds[:, lt.BOUNDS_UPPER : lt.BOUNDS_UPPER + 3] = position + radius[:, None]

@@ -20,9 +20,7 @@ def _convert_suns(lamps: LampColumns, draft: LampDraft) -> None:
     sine, sine_half = np.sin(half), np.sin(0.5 * half)
     draft.values[:, la.LAMP_P : la.LAMP_P + 3] = -lamps.direction
     draft.values[:, sun.ONE_MINUS_COS] = 2.0 * (sine_half * sine_half)
-    is_invertible = np.abs(np.linalg.det(lamps.axes)) >= 1e-30
-    inverse = np.linalg.inv(np.where(is_invertible[:, None, None], lamps.axes, np.eye(3)))
-    draft.values[:, sun.TO_X : sun.TO_Y + 3] = inverse[:, :2].reshape(-1, 6)
+    draft.values[:, sun.TO_X : sun.TO_Y + 3] = lamps.inverse_axes[:, :2].reshape(-1, 6)
     has_angle = half > 0.0
     disc = np.where(has_angle, math.pi * (sine * sine), 1.0)
     draft.scale = np.where(has_angle & lamps.is_normalized, 1.0 / disc, 1.0)

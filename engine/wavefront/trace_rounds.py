@@ -130,7 +130,11 @@ def _attenuate_shadows(stages, scene, unit, work):
 
 @kernel
 def _trace_shadows(stages, scene, unit, work):
-    """Add the light samples that nothing hides; what may let light through is evaluated, one surface a turn."""
+    """Add the light samples that nothing hides, dimmed by media; what may let light through is evaluated, one surface a
+    turn.
+    """
+    if scene.header[SCENE_HAS_MEDIA] != 0:
+        _attenuate_shadows(stages, scene, unit, work)
     stages.intersect_shadow(scene, unit, work, work.pending)
     while work.pending.count[0] > 0:
         stages.pass_transparent(scene, unit, work, work.pending)
@@ -146,8 +150,6 @@ def _meet_hidden_lamps(stages, scene, unit, work):
     """Light of lamps that rays go towards through what casts no shadow in it."""
     stages.meet_hidden_lamps(scene, unit, work, work.traced)
     mark(work.clock, CLOCK.hidden_lamps)
-    if scene.header[SCENE_HAS_MEDIA] != 0:
-        _attenuate_shadows(stages, scene, unit, work)
     _trace_shadows(stages, scene, unit, work)
     stages.leave_hidden_lamps(scene, unit, work, work.traced)
     mark(work.clock, CLOCK.hidden_lamps)
@@ -172,8 +174,6 @@ def _connect_lights(stages, scene, unit, guidance, work, is_guided):
     if unit.header[UNIT_SPLITS_LIGHT] != 0:
         stages.split_sampled(scene, unit, work, work.lit)
         mark(clock, CLOCK.split_light)
-    if scene.header[SCENE_HAS_MEDIA] != 0:
-        _attenuate_shadows(stages, scene, unit, work)
     _trace_shadows(stages, scene, unit, work)
 
 
@@ -191,8 +191,6 @@ def _look_around(stages, scene, unit, work):
     if scene.header[SCENE_ADDS_LIGHT] != 0 and unit.header[UNIT_FOLLOWS] == 0:
         stages.aim_added_light(scene, unit, work, work.surface)
         mark(work.clock, CLOCK.fast_gi)
-        if scene.header[SCENE_HAS_MEDIA] != 0:
-            _attenuate_shadows(stages, scene, unit, work)
         _trace_shadows(stages, scene, unit, work)
         if unit.header[UNIT_SPLITS_LIGHT] != 0:
             stages.leave_added_light(scene, unit, work, work.surface)
@@ -200,8 +198,6 @@ def _look_around(stages, scene, unit, work):
     if unit.header[UNIT_USE_OCCLUSION] != 0:
         stages.aim_occlusion(scene, unit, work, work.surface)
         mark(work.clock, CLOCK.occlusion)
-        if scene.header[SCENE_HAS_MEDIA] != 0:
-            _attenuate_shadows(stages, scene, unit, work)
         _trace_shadows(stages, scene, unit, work)
         stages.keep_occlusion(scene, unit, work, work.surface)
         mark(work.clock, CLOCK.occlusion)

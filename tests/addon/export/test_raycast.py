@@ -21,6 +21,19 @@ def scene() -> Any:
     return empty_scene()
 
 
+def look_at_heat(seen: Any) -> Any:
+    """Give an object a material that is as coloured as attribute "heat" of what its rays hit; the node's output."""
+    material = bpy.data.materials.new("Looks")
+    nodes = material.node_tree.nodes
+    node = nodes.new("ShaderNodeRaycast")
+    node.sample_attribute_items.new("FLOAT", "Named")
+    next(socket for socket in node.inputs if socket.type == "STRING").default_value = "heat"
+    output = next(socket for socket in node.outputs if socket.name == "Named")
+    material.node_tree.links.new(output, nodes["Principled BSDF"].inputs["Base Color"])
+    seen.data.materials.append(material)
+    return output
+
+
 def test_visibility_to_raycast_nodes(scene: Any) -> None:
     for name in ("Unseen", "Met alone", "Nothing"):
         square = add_square(name)
@@ -44,14 +57,7 @@ def test_attributes_of_what_is_hit_are_asked_of_every_mesh(scene: Any) -> None:
     seen, hit = add_square("Seen"), add_square("Hit")
     for name, kind in (("heat", "FLOAT"), ("other", "FLOAT")):
         hit.data.attributes.new(name, kind, "POINT")
-    material = bpy.data.materials.new("Looks")
-    nodes = material.node_tree.nodes
-    node = nodes.new("ShaderNodeRaycast")
-    node.sample_attribute_items.new("FLOAT", "Named")
-    next(socket for socket in node.inputs if socket.type == "STRING").default_value = "heat"
-    output = next(socket for socket in node.outputs if socket.name == "Named")
-    material.node_tree.links.new(output, nodes["Principled BSDF"].inputs["Base Color"])
-    seen.data.materials.append(material)
+    output = look_at_heat(seen)
     description = export()
     assert {mesh.name: sorted(mesh.attributes) for mesh in description.meshes}["Hit"] == ["heat"]
     raycast = next(one for one in description.materials[0].graph.nodes if one.kind == "ShaderNodeRaycast")
@@ -65,14 +71,7 @@ def test_vertex_groups_of_what_is_hit(scene: Any) -> None:
         pytest.skip("Blender 5.1 has the node")
     hit, seen = add_square("Hit"), add_square("Seen")
     hit.vertex_groups.new(name="heat").add([0, 2], 0.25, "REPLACE")
-    material = bpy.data.materials.new("Looks")
-    nodes = material.node_tree.nodes
-    node = nodes.new("ShaderNodeRaycast")
-    node.sample_attribute_items.new("FLOAT", "Named")
-    next(socket for socket in node.inputs if socket.type == "STRING").default_value = "heat"
-    output = next(socket for socket in node.outputs if socket.name == "Named")
-    material.node_tree.links.new(output, nodes["Principled BSDF"].inputs["Base Color"])
-    seen.data.materials.append(material)
+    look_at_heat(seen)
     description = export()
     attribute = next(mesh for mesh in description.meshes if mesh.name == "Hit").attributes["heat"]
     assert attribute.domain == "POINT" and attribute.data[:, 0].tolist() == [0.25, 0.0, 0.25, 0.0]
