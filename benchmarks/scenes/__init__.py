@@ -37,7 +37,6 @@ from benchmarks.scenes import (
     node_rays,
     patterned_lamps,
     patterns,
-    planes,
     plants,
     portals,
     principled,
@@ -59,6 +58,6 @@ __all__ = [
     "displaced_followers", "failing_media", "failures", "fast_gi", "flat_hair", "furnished", "geometry", "hair",
     "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "local_lamps", "many_blockers",
     "matter", "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands", "node_rays",
-    "patterned_lamps", "patterns", "planes", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data",
+    "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data",
     "skies", "spectral", "stretched", "subsurface", "terminators", "textures", "wax",
 ]  # fmt: skip

@@ -301,14 +301,13 @@ scene("fail-offset-1e4", module=__name__)(
 )
 
 
-@scene("fail-coplanar", samples=128)
-def coplanar() -> None:
-    """Everything in one plane, twice over: positions without extent along an axis, and faces at the same place."""
+@scene("fail-plane", samples=128)
+def plane() -> None:
+    """Everything in one plane: positions have no extent along an axis. No faces overlap, which would be black."""
     _begin()
-    for index in range(2):
-        # Copies of one size would shadow each other whole, as in Cycles, and nothing would be left to learn.
+    for index, y in enumerate((-3.0, 3.25)):
         edge = 6.0 + 0.5 * index
-        add_object(f"Floor {index}", quad("Floor", diffuse((0.7, 0.6, 0.5), "floor"), edge, edge))
+        add_object(f"Floor {index}", quad("Floor", diffuse((0.7, 0.6, 0.5), "floor"), edge, edge), (0.0, y, 0.0))
     rows, columns = np.mgrid[0:32, 0:64]
     pixels = np.full((32, 64, 4), 0.2, np.float32)
     pixels[(rows > 18) & (rows < 26) & (columns > 38) & (columns < 46), :3] = (5.0, 4.0, 3.0)

@@ -44,10 +44,10 @@ def render_by(scene: Any, rival: str, samples: int, seed: int, path: Path, **set
     return render_passes(scene, path, NAMES)
 
 
+#: As in Cycles, light that the picture alone has.
+NOT_SUMMED = ("fast-gi-add",)
 #: Few scenes that touch much: all lobes, volumes, transparency, lamps that are seen, the world, emission, holes in the
 #: picture.
-#: Black, since faces in one place shadow each other; and, as in Cycles, light that the picture alone has.
-NOT_SUMMED = ("fail-coplanar", "fast-gi-add")
 FAST = ["media-overlapping", "principled-everything", "visibility", "world-image-sun"]
 
 
