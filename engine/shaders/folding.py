@@ -76,7 +76,7 @@ def stand_in_geometry(attribute_count: int) -> GeometryArrays:
         instance_table=np.zeros((1, layout.INSTANCE_WIDTH), np.int32),
         transforms=identity,
         inverses=identity.copy(),
-        instance_values=np.full((1, 12), 0.5, np.float32),
+        instance_values=np.full((1, layout.VALUE_WIDTH), 0.5, np.float32),
         instance_materials=np.zeros(1, np.int32),
         attribute_table=table,
         attribute_data=np.ascontiguousarray(data.ravel()),
