@@ -33,7 +33,7 @@ def means_by_seed(description, seeds=8, **settings):
 
 
 def is_mean(means, expected):
-    """Whether means by seed agree with an expected value, float (3,): one correct renderer in 15,000 is told that not."""
+    """Whether means by seed agree with an expected value, float (3,); one right renderer in 15,000 fails."""
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
     # Of few seeds the error itself is uncertain: as seldom beyond as normal noise is beyond SIGMAS (Student, 1908).
     errors = stats.t.isf(stats.norm.sf(SIGMAS), len(means) - 1)
