@@ -32,14 +32,14 @@ test: .venv/installed ## Run the tests, but for the slow ones
 slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh installations
 	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m slow
 
-# Training is not tested there: see requirements-3.13.lock; nor are networks that have not been saved. Nor is Debian's
-# Blender, which is a program of its own, nor are the benchmarks, which measure on 3.11. Nor is, once more, whether the
-# estimator is right: kernels are those of 3.11, compiled by the same numba and LLVM. That they compile and work there is
-# seen by tests of single kernels, of sessions and of Blender's renders beside Cycles.
+# Training is not tested there: see requirements-3.13.lock. Nor is Debian's Blender, which is a program of its own, nor are
+# the benchmarks, which measure on 3.11. Nor is, once more, whether the estimator is right, or what is learned: kernels
+# are those of 3.11, compiled by the same numba and LLVM. That they compile and work there is seen by tests of single
+# kernels, of sessions and of Blender's guided renders beside Cycles.
 test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
 	.venv-3.13/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not estimator" \
 		--ignore tests/addon/test_blender34.py --ignore tests/benchmarks \
-		--ignore tests/engine/guiding/neural/networks --ignore tests/engine/guiding/test_guided_sources.py
+		--ignore tests/engine/guiding --ignore tests/engine/wavefront
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which surface passes of one surface show: the first that is opaque enough."""
 
+from engine.kernels.bsdf.portal import passed_share
 from engine.runtime.jit import kernel
 
 
@@ -9,7 +10,7 @@ def mean_transparency(closures, lane):
     """Mean over channels of what a shaded surface lets through, in [0, 1]; `closures` as shaders leave them."""
     total = 0.0
     for c in range(3):
-        total += min(max(closures.transparency[lane, c], 0.0), 1.0)
+        total += passed_share(closures, lane, c)
     return total * (1.0 / 3.0)
 
 

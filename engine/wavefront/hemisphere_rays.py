@@ -5,8 +5,10 @@ import numpy as np
 
 from engine.kernels.bsdf.closures import average, read3
 from engine.kernels.bsdf.kinds import FIRST_HAIR
+from engine.kernels.bsdf.portal import passed_share
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.clamping import found_alone
+from engine.kernels.pass_surface import mean_transparency
 from engine.kernels.path import mark_shadow, real_3
 from engine.kernels.terminator import shadow_ray
 from engine.kernels.vector import dot, normalize, store
@@ -52,17 +54,14 @@ def diffuse_weight(closures, lane, channel):
 def hidden_share(paths, closures, lane, channel, mean):
     """How much of what is behind a surface it hides, in a channel; `mean` over RGB with wavelengths."""
     if len(paths.channels) == RGB:
-        return min(max(1.0 - closures.transparency[lane, channel], 0.0), 1.0)
+        return 1.0 - passed_share(closures, lane, channel)
     return mean
 
 
 @kernel
 def mean_hidden_share(closures, lane):
     """How much of what is behind a surface it hides, mean over RGB."""
-    mean = 0.0
-    for c in range(RGB):
-        mean += min(max(1.0 - closures.transparency[lane, c], 0.0), 1.0) * (1.0 / RGB)
-    return mean
+    return 1.0 - mean_transparency(closures, lane)
 
 
 @kernel

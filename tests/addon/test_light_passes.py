@@ -44,8 +44,8 @@ def render_by(scene: Any, rival: str, samples: int, seed: int, path: Path, **set
     return render_passes(scene, path, NAMES)
 
 
-#: As in Cycles, light that the picture alone has.
-NOT_SUMMED = ("fast-gi-add",)
+#: As in Cycles, light that the picture alone has; and linked lights in media, which take a minute to compile.
+NOT_SUMMED = ("fast-gi-add", "linked-fog")
 #: Few scenes that touch much: all lobes, volumes, transparency, lamps that are seen, the world, emission, holes in the
 #: picture.
 FAST = ["media-overlapping", "principled-everything", "visibility", "world-image-sun"]

@@ -17,6 +17,7 @@ from engine.kernels.bsdf.subsurface import (
 )
 from engine.kernels.vector import dot, normalize, scale
 from engine.runtime.jit import kernel
+from engine.state.lanes import CLOSURE_WEIGHT
 
 #: The value of SUBSURFACE_METHOD.
 RAY_PORTAL = RANDOM_WALK_SKIN + 1
@@ -61,3 +62,17 @@ def add_portal(closures, lane, view, weight, place):
 def is_portal(closures, lane, i):
     """Whether a lane's lobe `i` is that of a Ray Portal BSDF."""
     return closures.kind[lane, i] == SUBSURFACE and closures.param[lane, i, SUBSURFACE_METHOD] == RAY_PORTAL
+
+
+@kernel
+def passed_share(closures, lane, channel):
+    """How much light in an RGB channel goes on beyond a surface as the same ray: float32 in [0, 1].
+
+    By what is transparent and by portals: alpha in data passes and Ambient Occlusion is the rest, as in Cycles. Shadows
+    do not go through portals.
+    """
+    passed = closures.transparency[lane, channel]
+    for i in range(closures.count[lane]):
+        if is_portal(closures, lane, i):
+            passed += closures.param[lane, i, CLOSURE_WEIGHT + channel]
+    return min(max(passed, 0.0), 1.0)

@@ -30,6 +30,7 @@ from tests.helpers.bsdf_harness import (
     at_cosine,
     vector,
 )
+from tests.helpers.kept_arrays import KeptArrays
 
 COSINES = (1.0, 0.8, 0.5, 0.2)
 ORANGE = (0.8, 0.4, 0.1)
@@ -297,14 +298,21 @@ def render(path: Path) -> None:
     np.save(path, np.array(pictures))
 
 
-@pytest.fixture(scope="module")
-def cycles(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+def rendered(folder: Path) -> np.ndarray:
     """Albedos from Cycles, in a process of its own (Blender's settings are global)."""
-    path = tmp_path_factory.mktemp("furnace") / "cycles.npy"
+    path = folder / "cycles.npy"
     root = Path(__file__).resolve().parents[3]
     command = [sys.executable, "-m", "tests.engine.kernels.test_bsdf_cycles", str(path)]
     subprocess.run(command, check=True, cwd=root, timeout=600)
     return np.load(path)
+
+
+@pytest.fixture(scope="module")
+def cycles(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> np.ndarray:
+    """Albedos from Cycles, rendered by whichever worker of this run needs them first: they take a minute."""
+    folder = tmp_path_factory.getbasetemp()
+    kept = KeptArrays(folder if worker_id == "master" else folder.parent)
+    return kept.get("bsdf-cycles", lambda: rendered(tmp_path_factory.mktemp("furnace")))
 
 
 def lobes_of(case: Case, cosine: float) -> Lobes:
