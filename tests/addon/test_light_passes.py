@@ -21,9 +21,9 @@ PIXELS = 40 * 30
 #: Standard errors, and difference of a cell, that count as found: as in test_parity, for 24 cells and 11 passes.
 SIGMAS = 4.5
 CELL_ALLOWANCE = 0.01
-#: Where light is made to be found seldom, few samples say nothing; Cycles disperses nothing.
 #: Always compared: hair whose colour is an estimate, and a portal in a wall, which is half transparent to passes.
 ALWAYS = ["hair-principled", "hair-huang-round", "ray-portal-mixed"]
+#: Where light is made to be found seldom, few samples say nothing; Cycles disperses nothing.
 COMPARABLE = sorted(
     name
     for name, scene in SCENES.items()
