@@ -24,9 +24,9 @@ _LEFT_OUT = {
     "ShaderNodeBsdfHair", "ShaderNodeBsdfHairPrincipled",
     # So do they where portals are mixed with what is transparent (docs/differences.md).
     "ShaderNodeBsdfRayPortal",
-    # Their values are compared one by one. With them all scenes become others, and of those five (50, 69, 82, 184, 282)
-    # differ, not by these nodes, for reasons that are still to be found; one by an orientation of no length, and one by
-    # two sides (docs/differences.md).
+    # Their values are compared one by one. With them (and 2.1 sides at least) all scenes become others, of which five
+    # differ, not by these nodes: 50 by rough glass and 184 by a modulo of constants (docs/differences.md), 82 and 282
+    # by normals that are no numbers out of a Normal node's Dot, 69 by a holdout of 0.999999, which is whole here.
     "ShaderNodeTexGabor", "ShaderNodeRadialTiling",
 }  # fmt: skip
 _SURFACES = ("ShaderNodeBsdf", "ShaderNodeEmission", "ShaderNodeHoldout", "ShaderNodeEeveeSpecular")
