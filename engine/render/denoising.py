@@ -12,12 +12,15 @@ import numpy as np
 
 from engine.denoise import library
 from engine.denoise.filter import denoise
+from engine.denoise.fireflies import without_fireflies
 from engine.render.film import Film, Images
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 
 #: How often the caller's thread looks for a cancel [s].
 _POLL_SECONDS = 0.05
+#: Mean samples of a pixel below which no fireflies are cut: variances say little yet, and much of the light is in them.
+_LEAST_SAMPLES = 8
 _FALLBACK = "the picture is as it was sampled"
 #: What helps the denoiser, by `RenderSettings.denoising_input_passes`: the filter's name, and the film's pass.
 _INPUTS = {
@@ -58,7 +61,7 @@ class Denoising:
         self.is_on = settings.use_denoising and not problem
         if self.is_on:
             self._inputs = _INPUTS[settings.denoising_input_passes]
-        self.passes = frozenset(self._inputs.values())
+        self.passes = frozenset((*self._inputs.values(), "Variance", "Sample Count") if self.is_on else ())
 
     def run(
         self, images: Images, should_cancel: Callable[[], bool] | None, film: Film | None = None,
@@ -105,17 +108,23 @@ class Denoising:
         cached = film if film is not None and film.has_residual else None
         is_cancelled = threading.Event()
         noisy = images["Combined"]
-        # In a thread, so that the caller's can look for a cancel: the filter takes seconds for large pictures.
-        with ThreadPoolExecutor(1, thread_name_prefix="denoise") as pool:
-            future = pool.submit(
-                denoise,
-                noisy if cached is None else cached.cached_image(exposure=exposure),
-                **{name: images[pass_name] for name, pass_name in self._inputs.items()},
+        color = noisy if cached is None else cached.cached_image(exposure=exposure)
+        inputs = {name: images[pass_name] for name, pass_name in self._inputs.items()}
+        variance, cuts = images["Variance"], bool(images["Sample Count"].mean() >= _LEAST_SAMPLES)
+
+        def filtered() -> np.ndarray | None:
+            return denoise(
+                without_fireflies(color, variance, inputs.get("albedo")) if cuts else color,
+                **inputs,
                 quality=self._settings.denoising_quality,
                 prefilter=self._settings.denoising_prefilter,
                 threads=self._threads,
                 should_cancel=is_cancelled.is_set,
             )
+
+        # In a thread, so that the caller's can look for a cancel: the filter takes seconds for large pictures.
+        with ThreadPoolExecutor(1, thread_name_prefix="denoise") as pool:
+            future = pool.submit(filtered)
             while not wait((future,), _POLL_SECONDS).done:
                 if should_cancel is not None and should_cancel():
                     is_cancelled.set()

@@ -6,6 +6,7 @@ import pytest
 
 from engine.denoise import library
 from engine.denoise.filter import denoise
+from engine.denoise.fireflies import without_fireflies
 from engine.render.session import Session
 from engine.scene.description import World
 from engine.settings import RenderSettings
@@ -39,6 +40,16 @@ def test_the_picture_is_denoised_by_the_passes_that_are_asked_for(inputs, names)
     plain = render(corner_scene(), passes=("Combined",), use_denoising=False)
     assert np.array_equal(plain.passes["Combined"], noisy)
     assert plain.report.denoise_seconds == 0.0
+
+
+@needs_library
+def test_from_eight_samples_on_fireflies_are_cut_before():
+    passes = render(corner_scene(), (*PASSES, "Variance"), samples=8).passes
+    albedo, normal = passes["Denoising Albedo"], passes["Denoising Normal"]
+    cut = without_fireflies(passes["Noisy Image"], passes["Variance"], albedo)
+    assert not np.array_equal(cut, passes["Noisy Image"][..., :3])
+    expected = denoise(cut, albedo, normal, threads=1)
+    assert np.array_equal(passes["Combined"][..., :3], expected)
 
 
 @needs_library
