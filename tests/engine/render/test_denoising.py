@@ -6,7 +6,7 @@ import pytest
 
 from engine.denoise import library
 from engine.denoise.filter import denoise
-from engine.denoise.fireflies import without_fireflies
+from engine.render import denoising
 from engine.render.session import Session
 from engine.scene.description import World
 from engine.settings import RenderSettings
@@ -43,12 +43,12 @@ def test_the_picture_is_denoised_by_the_passes_that_are_asked_for(inputs, names)
 
 
 @needs_library
-def test_from_eight_samples_on_fireflies_are_cut_before():
-    passes = render(corner_scene(), (*PASSES, "Variance"), samples=8).passes
+@pytest.mark.parametrize(("samples", "share"), [(7, 1.0), (8, 0.5)])
+def test_from_eight_samples_on_fireflies_are_cut_before(samples, share, monkeypatch):
+    monkeypatch.setattr(denoising, "without_fireflies", lambda color, variance, albedo: np.float32(0.5) * color[..., :3])
+    passes = render(corner_scene(), PASSES, samples=samples).passes
     albedo, normal = passes["Denoising Albedo"], passes["Denoising Normal"]
-    cut = without_fireflies(passes["Noisy Image"], passes["Variance"], albedo)
-    assert not np.array_equal(cut, passes["Noisy Image"][..., :3])
-    expected = denoise(cut, albedo, normal, threads=1)
+    expected = denoise(np.float32(share) * passes["Noisy Image"][..., :3], albedo, normal, threads=1)
     assert np.array_equal(passes["Combined"][..., :3], expected)
 
 
