@@ -107,7 +107,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "Simplify", "scene.cycles",
         (
             *_rows("works", "use_camera_cull use_distance_cull camera_cull_margin distance_cull_margin",
-                   "in renders; viewports show everything"),
+                   "in viewports by the view at the last change of the scene"),
             *_rows("works", "texture_limit texture_limit_render"),
             *_rows("works", "texture_resolution texture_resolution_render", is_newer=True),
         ),

@@ -124,12 +124,14 @@ class Window:
     use_lights : bool, whether it is lit by the scene's lamps
     studio : StudioLight or None, what it is lit by instead of the scene's world
     dicing_view : DicingView or None, by what it dices meshes, unless the scene has a camera for that
+    culling_view : DicingView or None, by what it leaves out objects that are to be culled
     """
 
     is_shown: Callable[[bpy.types.Object], bool]
     use_lights: bool = True
     studio: StudioLight | None = None
     dicing_view: DicingView | None = None
+    culling_view: DicingView | None = None
 
 
 @dataclass

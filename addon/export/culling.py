@@ -14,28 +14,34 @@ from .dicing_view import DicingView
 from .instances import Appearance, Appearances
 
 
-def cull(context: ExportContext, camera_object: bpy.types.Object, frame: Frame, appearances: Appearances) -> None:
+def view_of_render(context: ExportContext, camera_object: bpy.types.Object, frame: Frame) -> DicingView:
+    """What a picture shows of the scene; `camera_object` is original."""
+    camera = camera_object.evaluated_get(context.depsgraph)
+    return DicingView.of_camera(context.depsgraph, camera, frame.width, frame.height)
+
+
+def culls(scene: bpy.types.Scene) -> bool:
+    """Whether Simplify leaves out anything."""
+    switches = ("use_camera_cull", "use_distance_cull")
+    return bool(scene.render.use_simplify and any(cycles_property(scene, name, False) for name in switches))
+
+
+def cull(context: ExportContext, view: DicingView, appearances: Appearances) -> None:
     """Leave out what the scene and its objects want culled, by the boxes around them, as Cycles does.
 
     Parameters
     ----------
-    camera_object : Object
-        Original.
     appearances : Appearances
         Changed: what is culled is shown as nothing.
     """
     scene = context.scene
-    camera = camera_object.evaluated_get(context.depsgraph)
-    is_panorama = camera.type == "CAMERA" and camera.data.type == "PANO"
-    if not scene.render.use_simplify or scene.render.use_multiview or is_panorama:
+    if not culls(scene) or scene.render.use_multiview or view.kind == "PANO":
         return
     margin = cycles_property(scene, "camera_cull_margin", 0.1)
     reach = cycles_property(scene, "distance_cull_margin", 50.0)
     by_view = cycles_property(scene, "use_camera_cull", False)
     by_distance = cycles_property(scene, "use_distance_cull", False) and reach > 0.0
-    if not (by_view or by_distance):
-        return
-    view = DicingView.of_camera(context.depsgraph, camera, frame.width, frame.height)
+    position = np.linalg.inv(view.to_camera)[:3, 3]
     for row, kind in enumerate(appearances.kinds):
         of_view = by_view and _wants(kind, "use_camera_cull")
         of_distance = by_distance and _wants(kind, "use_distance_cull")
@@ -47,9 +53,8 @@ def cull(context: ExportContext, camera_object: bpy.types.Object, frame: Frame, 
         corners = box @ transform[:, :3, :3].transpose(0, 2, 1) + transform[:, None, :3, 3]
         is_culled = np.ones(len(mine), np.bool_)
         if of_view:
-            is_culled &= _is_out_of_view(view, camera, corners, margin)
+            is_culled &= _is_out_of_view(view, corners, margin)
         if of_distance:
-            position = np.array(camera.matrix_world.translation, np.float64)
             is_culled &= _is_far(position, corners, reach)
         appearances.kind[mine[is_culled]] = -1
 
@@ -67,9 +72,7 @@ def _is_far(
     return is_far
 
 
-def _is_out_of_view(
-    view: DicingView, camera: bpy.types.Object, corners: npt.NDArray[np.float64], margin: float
-) -> npt.NDArray[np.bool_]:
+def _is_out_of_view(view: DicingView, corners: npt.NDArray[np.float64], margin: float) -> npt.NDArray[np.bool_]:
     """Which boxes, corners float64 (N, 8, 3), have none of their corners' surroundings in the picture.
 
     Corners behind the camera are mirrored in the picture's middle, and a box with all of them there is out of view.
@@ -79,7 +82,8 @@ def _is_out_of_view(
     margin : float
         By which the picture is larger on each side, in pictures.
     """
-    near, far = view.nearest, max(getattr(camera.data, "clip_end", 1000.0), view.nearest * 1.001)
+    near = view.nearest
+    far = max(view.farthest, near + 1e-3 * abs(near))
     seen = corners @ view.to_camera[:3, :3].T + view.to_camera[:3, 3]
     clip = seen @ view.projection[:, :3].T + view.projection[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From where edges of meshes are measured that are to be diced."""
+"""From where edges of meshes are measured that are to be diced, and what is seen that is to be culled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class DicingView:
     projection : float64 (4, 4), as Blender has it; unused of panoramas
     kind : str, 'PERSP', 'ORTHO' or 'PANO'
     width, height : int, of the picture [pixels]
-    nearest : float, distance before which nothing is seen
+    nearest, farthest : float, distances between which something is seen
     """
 
     to_camera: npt.NDArray[np.float64]
@@ -28,6 +28,7 @@ class DicingView:
     width: int
     height: int
     nearest: float
+    farthest: float
 
     @classmethod
     def of_camera(cls, depsgraph: bpy.types.Depsgraph, camera: bpy.types.Object, width: int, height: int) -> DicingView:
@@ -39,7 +40,7 @@ class DicingView:
         return cls(
             np.array(camera.matrix_world.normalized().inverted_safe(), np.float64), np.array(projection, np.float64),
             camera.data.type if camera.type == "CAMERA" else "PERSP", width, height,
-            max(getattr(camera.data, "clip_start", 0.1), 1e-6),
+            max(getattr(camera.data, "clip_start", 0.1), 1e-6), getattr(camera.data, "clip_end", 1000.0),
         )  # fmt: skip
 
     @property

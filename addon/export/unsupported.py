@@ -46,8 +46,6 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
         if cycles_property(shown.data, "is_caustics_light", False):
             context.notice(shown.name, "shadow caustics are not supported", "caustics as paths happen to find them")
         return
-    if context.window is not None and _is_culled(context.scene, shown):
-        context.notice(shown.name, "culling in viewports is not supported", "it is always there")
     modifier = diced_modifier(context.scene, shown.original, in_window=context.window is not None)
     if modifier is not None and shown.original.as_pointer() not in context.diced:
         level = context.subdivision_levels.get(shown.original.as_pointer())
@@ -56,12 +54,3 @@ def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
             shown.name, "adaptive subdivision is not supported",
             "subdivided as its modifier's render level" if level is None else evenly,
         )  # fmt: skip
-
-
-def _is_culled(scene: bpy.types.Scene, shown: bpy.types.Object) -> bool:
-    if not scene.render.use_simplify:
-        return False
-    return any(
-        cycles_property(scene, name, False) and cycles_property(shown, name, False)
-        for name in ("use_camera_cull", "use_distance_cull")
-    )

@@ -68,8 +68,14 @@ def dicing_view(
     kind = "PERSP" if region_3d.is_perspective else "ORTHO"
     return DicingView(
         np.array(region_3d.view_matrix, np.float64), np.array(region_3d.window_matrix, np.float64), kind,
-        max(region.width, 1), max(region.height, 1), space.clip_start,
+        max(region.width, 1), max(region.height, 1), space.clip_start, space.clip_end,
     )  # fmt: skip
+
+
+def culling_view(view: View, dicing: DicingView) -> DicingView:
+    """By what a window leaves out objects: what it shows, as far as its camera sees."""
+    camera = view.camera
+    return replace(dicing, kind=camera.kind, nearest=camera.clip_start, farthest=camera.clip_end)
 
 
 def _free_camera(space: bpy.types.SpaceView3D, *, is_perspective: bool) -> Camera:

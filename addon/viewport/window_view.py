@@ -10,8 +10,9 @@ from engine.scene.content import same_content
 from engine.viewport.protocol import DEAD, FAILED, RENDERING, Status
 
 from ..export import ExportCache, ExportContext, StudioLight, Window, export_scene
+from ..export.culling import culls
 from ..log import logger
-from .camera import dicing_view, read_view
+from .camera import culling_view, dicing_view, read_view
 from .classify import Change, Touched, classify
 from .drawing import Canvas
 from .host import Host, acquire, release
@@ -74,7 +75,7 @@ class WindowView:
         if self._touched is not None:
             self._touched |= addresses
 
-    def _export(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+    def _export(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph, view: View) -> None:
         """Read again what can have changed; nothing of Blender's is read later, or elsewhere."""
         space = context.space_data
         shading = space.shading
@@ -86,12 +87,14 @@ class WindowView:
         change, self._change = self._change, Change.NOTHING
         # Not all that sets settings has Blender copy them for the evaluated scene.
         self._settings = preview_settings(depsgraph.scene)
-        if not change & ~Change.CAMERA:
+        # As Cycles, a window that only turns keeps what it has culled.
+        if not change or change is Change.CAMERA and not culls(depsgraph.scene):
             return
         updated = None if self._touched is None else frozenset(self._touched)
+        dicing = dicing_view(context.region, space, context.region_data)
         window = Window(
             lambda item: item.visible_in_viewport_get(space), use_lights=key[0], studio=studio,
-            dicing_view=dicing_view(context.region, space, context.region_data),
+            dicing_view=dicing, culling_view=culling_view(view, dicing),
         )
         description = export_scene(
             depsgraph, view_layer=depsgraph.view_layer_eval, cache=self.host.cache, window=window, updated=updated
@@ -107,8 +110,8 @@ class WindowView:
         process = self.host.process
         process.poll()
         try:
-            self._export(context, depsgraph)
             view = self._view(context, depsgraph)
+            self._export(context, depsgraph, view)
             self._problem = ""
         except ValueError as error:
             self._problem = str(error)

@@ -50,6 +50,7 @@ from benchmarks.scenes import (
     terminators,
     textures,
     wax,
+    windows,
 )
 from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 
@@ -59,5 +60,5 @@ __all__ = [
     "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "local_lamps", "many_blockers",
     "matter", "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands", "node_rays",
     "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms", "shape_data",
-    "skies", "spectral", "stretched", "subsurface", "terminators", "textures", "wax",
+    "skies", "spectral", "stretched", "subsurface", "terminators", "textures", "wax", "windows",
 ]  # fmt: skip

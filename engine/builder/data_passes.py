@@ -78,5 +78,5 @@ def _world_to_raster(camera: Camera, frame: Frame) -> np.ndarray:
     """A row of `DataView.rasters`."""
     if camera.kind not in ("PERSP", "ORTHO"):
         return np.linalg.inv(np.asarray(camera.transform, np.float64))[:3].ravel()
-    window = camera_matrices(camera, frame)[CAMERA_WORLD_TO_NDC].astype(np.float64)
+    window = camera_matrices(camera, frame)[CAMERA_WORLD_TO_NDC, :12].astype(np.float64)
     return (window.reshape(3, 4) * np.array([[frame.width], [frame.height], [1.0]])).ravel()

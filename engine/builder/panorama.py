@@ -19,6 +19,7 @@ from engine.state.camera import (
     CAMERA_PANORAMA_FIRST,
     CAMERA_SCALE_X,
     CAMERA_SCALE_Y,
+    PANORAMA_BOTTOM,
     PANORAMA_CUBEMAP_FACE,
     PANORAMA_CYLINDER_LEFT,
     PANORAMA_CYLINDER_TOP,
@@ -28,10 +29,13 @@ from engine.state.camera import (
     PANORAMA_EQUISOLID,
     PANORAMA_FOV,
     PANORAMA_HEIGHT,
+    PANORAMA_LEFT,
     PANORAMA_LENS,
     PANORAMA_LENS_POLYNOMIAL,
     PANORAMA_MIRROR_BALL,
     PANORAMA_POLYNOMIAL,
+    PANORAMA_RIGHT,
+    PANORAMA_TOP,
     PANORAMA_WIDTH,
 )
 
@@ -77,6 +81,8 @@ def fill_panorama(row: npt.NDArray[np.float64], camera: Camera, frame: Frame) ->
         row[CAMERA_SCALE_Y] *= up
         row[CAMERA_OFFSET_X] = panorama.longitude_min + left * across
         row[CAMERA_OFFSET_Y] = panorama.latitude_min + bottom * up
+        own[PANORAMA_LEFT], own[PANORAMA_RIGHT] = panorama.longitude_min, panorama.longitude_max
+        own[PANORAMA_BOTTOM], own[PANORAMA_TOP] = panorama.latitude_min, panorama.latitude_max
     elif kind == PANORAMA_CYLINDRICAL:
         own[PANORAMA_CYLINDER_LEFT : PANORAMA_CYLINDER_TOP + 1] = panorama.cylinder
     else:

@@ -19,6 +19,7 @@ from engine.state.camera import (
     CAMERA_MERGE_TO,
     CAMERA_PANORAMA,
     CAMERA_PANORAMA_FIRST,
+    PANORAMA_BOTTOM,
     PANORAMA_CUBEMAP_FACE,
     PANORAMA_CYLINDER_BOTTOM,
     PANORAMA_CYLINDER_LEFT,
@@ -30,9 +31,12 @@ from engine.state.camera import (
     PANORAMA_EQUISOLID,
     PANORAMA_FOV,
     PANORAMA_HEIGHT,
+    PANORAMA_LEFT,
     PANORAMA_LENS,
     PANORAMA_MIRROR_BALL,
     PANORAMA_POLYNOMIAL,
+    PANORAMA_RIGHT,
+    PANORAMA_TOP,
     PANORAMA_WIDTH,
 )
 
@@ -171,6 +175,23 @@ def panorama_position(camera, d):
         r = _polynomial_radius(camera, theta)
     x = r * inverse * d[0] / _parameter(camera, PANORAMA_WIDTH)
     return 0.5 + x, 0.5 + r * inverse * d[1] / _parameter(camera, PANORAMA_HEIGHT)
+
+
+@kernel
+def panorama_window(camera, d):
+    """Where on its whole film a panoramic camera sees a direction, from 0 to 1 across and up; its shift does not count.
+
+    Parameters
+    ----------
+    camera : float32 (CAMERA_WIDTH,)
+    d : 3-tuple, unit
+    """
+    x, y = panorama_position(camera, d)
+    if int(camera[CAMERA_PANORAMA]) == PANORAMA_EQUIRECTANGULAR:
+        left, bottom = _parameter(camera, PANORAMA_LEFT), _parameter(camera, PANORAMA_BOTTOM)
+        x = (x - left) / (_parameter(camera, PANORAMA_RIGHT) - left)
+        y = (y - bottom) / (_parameter(camera, PANORAMA_TOP) - bottom)
+    return x, y
 
 
 @kernel

@@ -90,7 +90,8 @@ class Node:
         coordinates are wrapped after scaling (True where it is missing). `'has_unit_frame'` of a Normal Map: the
         normal between those of the corners is normalised (likewise). `'tints_by_bounce'` of a Diffuse or Principled
         BSDF: facets of rough diffuse surfaces tint light as from Blender 5.3 on, and glass of the latter is as
-        anisotropic as what it reflects (likewise). `'seconds'` and `'frame'` of a Scene Time.
+        anisotropic as what it reflects, its thin walls as rough as there (likewise). `'seconds'` and `'frame'` of a
+        Scene Time.
         `'is_conversion'` of an Emission that is no node of the host's but what a linked colour becomes on a shader
         socket.
     changed : frozenset of str

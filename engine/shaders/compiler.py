@@ -33,7 +33,7 @@ def compile_programs(
 
     Parameters
     ----------
-    camera : float32 (CAMERA_ROWS, 12), optional
+    camera : float32 (CAMERA_ROWS, CAMERA_WIDTH), optional
         Spaces of the camera, as `ShaderArrays.camera`; None: all are the world.
     to_xyz : float32 (3, 3), optional
         From the working space to CIE XYZ (D65); None for Rec.709.

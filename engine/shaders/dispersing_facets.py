@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facets of glass that disperses: those by Beckmann know one refractive index only, so GGX stands for them."""
+"""Facets of glass that disperses: those that are linked know one refractive index only. GGX stands for Beckmann's."""
 
 from __future__ import annotations
 
@@ -26,3 +26,22 @@ def with_dispersing_facets(graph: NodeGraph) -> tuple[NodeGraph, list[str]]:
         for node in graph.nodes
     ]
     return replace(graph, nodes=nodes), [node.name for node in graph.nodes if is_replaced(node)]
+
+
+def with_one_index(graph: NodeGraph) -> list[str]:
+    """Names of nodes whose glass does not disperse: with a thin film, or anisotropic."""
+
+    def has(node: Node, name: str) -> bool:
+        return node.inputs.get(name, 0.0) != 0.0
+
+    def is_linked(node: Node) -> bool:
+        if node.kind == "ShaderNodeBsdfGlass":
+            stretches = has(node, "Anisotropy") and has(node, "Roughness")
+        elif node.kind == "ShaderNodeBsdfPrincipled" and has(node, "Transmission Weight"):
+            tints = bool(node.properties.get("tints_by_bounce", True))
+            stretches = tints and has(node, "Anisotropic") and node.inputs.get("Roughness", 0.5) != 0.0
+        else:
+            return False
+        return stretches or has(node, "Thin Film Thickness")
+
+    return [node.name for node in graph.nodes if is_linked(node)]

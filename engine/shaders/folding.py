@@ -38,7 +38,6 @@ from engine.state.lanes import (
     allocate_points,
 )
 from engine.state.shaders import (
-    CAMERA_ROWS,
     FIRST_REGISTER,
     IMAGE_WIDTH,
     MODE_CLOSURES,
@@ -48,6 +47,7 @@ from engine.state.shaders import (
     VALUE_WIDTH,
     ShaderArrays,
     allocate_memory,
+    identity_camera,
 )
 
 _SIDE = 16
@@ -127,7 +127,7 @@ def fold(instruction: Instruction, tables: Float32Array) -> tuple[Constant, ...]
         pixels_byte=np.zeros(4, np.uint8),
         pixels_float=np.zeros(4, np.float32),
         tables=tables,
-        camera=np.zeros((CAMERA_ROWS, 12), np.float32),
+        camera=identity_camera(),
         register_count=np.array([register_count], np.int64),
     )
     memory = allocate_memory(shaders)

@@ -344,9 +344,7 @@ def principled(node: Node, weight: Value, builder: Any) -> None:
         }
     if any(not is_zero(_float(builder, name, 0.0)) for name in ("Transmission Weight", "Subsurface Weight")):
         values["thin_wall"] = thin_wall
-    values["film_thickness"], values["film_ior"] = film = nodes_linked.film(builder)
-    if not is_zero(film[0]) and not is_zero(values.get("thin_wall", _ZERO)):
-        builder.notice("a thin film on a thin wall of glass is not supported", "no film on what light goes through")
+    values["film_thickness"], values["film_ior"] = nodes_linked.film(builder)
     modes = (*_LOBES, MODE_TRANSPARENCY) if is_clear else _LOBES
     _principled_lobes(builder, weight, settings, modes, **values)
 

@@ -9,7 +9,7 @@ from engine.scene.description import Link, Node, NodeGraph
 from engine.shaders import nodes_closure
 from engine.shaders.arithmetic import ONE, ZERO
 from engine.shaders.compiled_program import CompiledProgram, ProgramSource
-from engine.shaders.dispersing_facets import with_dispersing_facets
+from engine.shaders.dispersing_facets import with_dispersing_facets, with_one_index
 from engine.shaders.media import LEFT_OUT, VaryingError, fold_medium, is_shader
 from engine.shaders.medium import Medium
 from engine.shaders.node_values import NodeBuilder, NodeValues, gives_values
@@ -60,6 +60,9 @@ class SurfaceCompiler:
         for name in self._replaced:
             problem = "facets by Beckmann that disperse are not supported"
             self._pools.notice(f"{self.source.name} / {name}", problem, "GGX of the same roughness")
+        for name in with_one_index(self._graph) if self.source.dispersion != 0.0 else ():
+            problem = "dispersion of anisotropic glass, and of glass with a thin film, is not supported"
+            self._pools.notice(f"{self.source.name} / {name}", problem, "it bends all wavelengths alike")
         self._surface_link, self._volume_link = (
             None if self.source.kind == "DISPLACEMENT" else self._known(link, otherwise)
             for link, otherwise in ((self._graph.surface, "no surface"), (self._graph.volume, LEFT_OUT))

@@ -94,7 +94,7 @@ POINT_RAY_LENGTH = 14
 POINT_RADIUS = 15  # footprint radius of the ray at P [m] (compact ray differential)
 POINT_RANDOM = 16  # uniform in [0, 1), for stochastic nodes
 POINT_TIME = 17
-POINT_TANGENT = 18  # of curves: dP/du, world, not unit [m]
+POINT_TANGENT = 18  # of curves: dP/du, world, not unit [m]; of the background: where a camera ray begins, world [m]
 POINT_REAL_WIDTH = 21
 
 # Columns of ShadePoints.integer (int32).

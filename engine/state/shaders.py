@@ -18,6 +18,7 @@ import numpy as np
 from engine.array_types import Float32Array, Int32Array, Int64Array, Uint8Array
 from engine.runtime.bundle import Bundle
 from engine.runtime.stage_table import StageTable
+from engine.state.camera import CAMERA_WIDTH
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Evaluation modes (the `mode` argument of evaluate_shaders): one of the first four, plus any of the caustics bits.
@@ -108,11 +109,12 @@ FIRST_REGISTER = 4
 #: ShaderArrays.tables begins with this many samples of the sRGB decoding curve on [0, 1].
 SRGB_TABLE_SIZE = 2049
 
-# Rows of ShaderArrays.camera
+# Rows of ShaderArrays.camera: 3x4 matrices in their first 12 columns, and the camera itself
 CAMERA_WORLD_TO_CAMERA = 0
 CAMERA_TO_WORLD = 1
 CAMERA_WORLD_TO_NDC = 2  # three homogeneous rows: x, y, weight
-CAMERA_ROWS = 3
+CAMERA_LENS = 3  # columns as `CameraArrays.real`
+CAMERA_ROWS = 4
 
 
 class ShaderArrays(Bundle):
@@ -128,7 +130,7 @@ class ShaderArrays(Bundle):
     images : int64 (I, IMAGE_WIDTH)
     pixels_byte, pixels_float : uint8 and float32 pools, RGBA, row 0 at the bottom
     tables : float32 pool of ramps and curves
-    camera : float32 (CAMERA_ROWS, 12), 3x4 matrices, camera space looks along +z as in Cycles
+    camera : float32 (CAMERA_ROWS, CAMERA_WIDTH), camera space looks along +z as in Cycles
     register_count : int64 (1,)
     """
 
@@ -212,8 +214,9 @@ def identity_camera() -> Float32Array:
 
     Returns
     -------
-    float32 (CAMERA_ROWS, 12)
+    float32 (CAMERA_ROWS, CAMERA_WIDTH)
     """
-    rows = np.tile(np.eye(4, dtype=np.float32)[:3].ravel(), (CAMERA_ROWS, 1))
-    rows[CAMERA_WORLD_TO_NDC, 8:] = (0.0, 0.0, 0.0, 1.0)
+    rows = np.zeros((CAMERA_ROWS, CAMERA_WIDTH), np.float32)
+    rows[:CAMERA_LENS, :12] = np.eye(4, dtype=np.float32)[:3].ravel()
+    rows[CAMERA_WORLD_TO_NDC, 8:12] = (0.0, 0.0, 0.0, 1.0)
     return rows

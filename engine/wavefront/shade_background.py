@@ -26,6 +26,7 @@ from engine.state.lanes import (
     POINT_RANDOM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
+    POINT_TANGENT,
     POINT_TIME,
     POINT_TRIANGLE,
     POINT_U,
@@ -82,6 +83,7 @@ def prepare_background(scene, unit, work, queue):
             real[lane, POINT_WO + c] = -direction
             real[lane, POINT_NG + c] = -direction
             real[lane, POINT_NS + c] = -direction
+            real[lane, POINT_TANGENT + c] = paths.origin[lane, c]
         real[lane, POINT_U] = 0.0
         real[lane, POINT_V] = 0.0
         real[lane, POINT_RAY_LENGTH] = DISTANT

@@ -32,7 +32,7 @@ from engine.kernels.bsdf.oren_nayar import add_oren_nayar
 from engine.kernels.bsdf.sheen import append_sheen
 from engine.kernels.bsdf.stretch import mean_alpha, stretch_facets
 from engine.kernels.bsdf.subsurface import RANDOM_WALK_SKIN, SubsurfaceInputs, add_subsurface
-from engine.kernels.bsdf.thin_wall import add_thin_glass, add_thin_subsurface
+from engine.kernels.bsdf.thin_wall import Sheet, add_thin_glass, add_thin_subsurface
 from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.vector import add, dot, normalize, scale
@@ -81,7 +81,7 @@ class PrincipledInputs(NamedTuple):
     coat_normal : on the viewer's side; the smooth shading normal where nothing is linked
     subsurface : its refractive index counts for skin alone
     thin_wall : not 0: a sheet, which light goes through at once
-    film_thickness : [nm]; of a thin wall it has no effect
+    film_thickness : [nm]
     stretches_glass : not 0: what it refracts is as anisotropic as what it reflects (Blender 5.3)
     """
 
@@ -172,7 +172,9 @@ def _add_transmission(closures, tables, lane, weight, wo, facets, is_backfacing,
     ior, roughness = at_least(inputs.ior, 1e-5), clamp_unit(inputs.roughness)
     alpha = roughness * roughness
     if inputs.thin_wall != 0.0:
-        add_thin_glass(closures, tables, lane, weight, wo, specular_n, alpha, ior, specular_tint, color)
+        film = (inputs.film_thickness, inputs.film_ior)
+        sheet = Sheet(alpha, ior, specular_tint, color, film, inputs.tints_by_bounce != 0)
+        add_thin_glass(closures, tables, lane, weight, wo, specular_n, sheet)
         return
     tint = (math.sqrt(color[0]), math.sqrt(color[1]), math.sqrt(color[2]))
     eta, f0 = 1.0 / ior if is_backfacing else ior, scale(specular_tint, f0_of_eta(ior))

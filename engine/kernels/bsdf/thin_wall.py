@@ -7,17 +7,18 @@ of glass is transparent.
 References
 ----------
 OpenPBR 1.1, "Thin-walled case": the series of reflections inside a sheet, and how a dense one shares light by its
-anisotropy.
+anisotropy. With a film both sides have their own reflectance.
 Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", p. 40: how rough light comes through.
 """
 
 import math
+from typing import NamedTuple
 
 from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
 from engine.kernels.bsdf.energy import finish_lobe
 from engine.kernels.bsdf.fresnel import f0_of_eta, fresnel_dielectric
-from engine.kernels.bsdf.glossy import Facets, Interface, append_microfacet
+from engine.kernels.bsdf.glossy import Facets, Interface, append_microfacet, blend_to_white, film_of
 from engine.kernels.bsdf.hair import whole_albedo
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
@@ -25,11 +26,12 @@ from engine.kernels.bsdf.kinds import (
     CLOSURE_NO_REFRACTIVE_CAUSTICS,
     DELTA_ALPHA_SQUARED,
     DIFFUSE,
+    GLASS,
     GLOSSY,
     THIN_GLASS,
     THIN_TRANSLUCENT,
 )
-from engine.kernels.bsdf.linked import NO_FILM
+from engine.kernels.bsdf.linked import FACETS_GGX, LEAST_THICKNESS, NO_FILM, change_lobe
 from engine.kernels.bsdf.lobe import HairLobe, Lobe
 from engine.kernels.bsdf.microfacet import eval_microfacet, sample_microfacet
 from engine.kernels.bsdf.no_lobes import add_transparent
@@ -42,6 +44,28 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_N
 
 
+class Sheet(NamedTuple):
+    """A sheet of glass.
+
+    Attributes
+    ----------
+    alpha, ior : float32
+    specular_tint, color : tuple of 3 float32
+        `color` is what comes through its inside.
+    film : tuple of 2 float32
+        Thickness [nm] and refractive index of a thin film on either side.
+    is_narrow : bool
+        See `thin_alpha`.
+    """
+
+    alpha: float
+    ior: float
+    specular_tint: tuple[float, float, float]
+    color: tuple[float, float, float]
+    film: tuple[float, float]
+    is_narrow: bool
+
+
 @kernel
 def _mirrored(n, wo):
     """Direction to the viewer, mirrored at the sheet."""
@@ -49,59 +73,84 @@ def _mirrored(n, wo):
 
 
 @kernel
-def sheet_shares(cosine, ior, f0, tint, reflects, refracts):
+def sheet_shares(front, back, inside, reflects, refracts):
     """Share of the light that a sheet sends back, and that it lets through: one channel's.
 
     Parameters
     ----------
-    cosine : float32, of the viewer with the normal
-    f0 : float32
-        Reflectance of a side at perpendicular incidence.
-    tint : float32
-        What comes through the sheet's inside at perpendicular incidence (Beer's law for others).
+    front, back : float32
+        Reflectance of the side that is seen, and of the other one from within.
+    inside : float32
+        What comes through the sheet's inside on one way.
     reflects, refracts : bool
         Whether the sides do.
     """
-    reflectance, cos_t = fresnel_dielectric(cosine, ior)
-    if cos_t == 0.0:
-        return 1.0 if reflects else 0.0, 0.0
+    r1, t1 = front if reflects else 0.0, 1.0 - front if refracts else 0.0
+    r2, t2 = back if reflects else 0.0, 1.0 - back if refracts else 0.0
+    again = r2 * inside
+    through = inside * t1 * t2 / max(1.0 - again * again, 1e-12)
+    return r1 + through * again, through
+
+
+@kernel
+def inside_share(tint, cos_t):
+    """What comes through a sheet's inside at a cosine, of `tint` at perpendicular incidence (Beer's law): a channel."""
+    return tint ** (-1.0 / cos_t) if cos_t != 0.0 else 0.0
+
+
+@kernel
+def plain_side(reflectance, ior, f0):
+    """Reflectance of a side by channel, of that of a real one, `f0` at perpendicular incidence."""
     f0_real = f0_of_eta(ior)
-    blend = clamp_unit((reflectance - f0_real) / (1.0 - f0_real))
-    side = f0 + (1.0 - f0) * blend
-    r = side if reflects else 0.0
-    t = 1.0 - side if refracts else 0.0
-    inside = tint ** (-1.0 / cos_t)
-    again = r * inside
-    through = inside * t * t / max(1.0 - again * again, 1e-12)
-    return r + through * again, through
+    return blend_to_white(f0, clamp_unit((reflectance - f0_real) / (1.0 - f0_real)))
 
 
 @kernel
-def thin_alpha(alpha, ior):
-    """Alpha of light that has come through a sheet whose sides have `alpha`."""
+def _filmed_side(closures, tables, lane, n, cosine, eta, f0, film):
+    """As `plain_side`, of a side with a thin film: a lobe of glass says it, which is taken away again."""
+    white = (1.0, 1.0, 1.0)
+    i = append_microfacet(
+        closures, lane, GLASS, white, Facets(n, n, 1.0, 1.0, False), Interface(eta, f0, white, white, film)
+    )
+    side = change_lobe(closures, tables, lane, i, scale(n, cosine), FACETS_GGX, film)
+    if i >= 0:
+        closures.count[lane] = i
+    return side
+
+
+@kernel
+def thin_alpha(alpha, ior, is_narrow):
+    """Alpha of light that has come through a sheet whose sides have `alpha`; `is_narrow` as from Blender 5.3 on."""
     below = ior - 0.5
-    return clamp_unit(alpha * math.sqrt(max(3.4 * (ior - 1.0) * below * below / (ior * ior * ior), 0.0)))
+    factor = max(3.4 * (ior - 1.0) * below * below / (ior * ior * ior), 0.0)
+    return clamp_unit(alpha * (factor if is_narrow else math.sqrt(factor)))
 
 
 @kernel
-def add_thin_glass(closures, tables, lane, weight, wo, n, alpha, ior, specular_tint, color):
+def add_thin_glass(closures, tables, lane, weight, wo, n, sheet):
     """Append a sheet of glass.
 
     Parameters
     ----------
-    weight, specular_tint, color : tuple of 3 float32
-        `color` is what comes through its inside.
+    weight : tuple of 3 float32
     wo, n : tuple of 3 float32
         Direction to the viewer and normal (see `valid_specular_normal`); unit, world space.
-    alpha, ior : float32
+    sheet : Sheet
     """
+    alpha, ior, specular_tint, color, film, is_narrow = sheet
     reflects = closures.flags[lane] & CLOSURE_NO_REFLECTIVE_CAUSTICS == 0
     refracts = closures.flags[lane] & CLOSURE_NO_REFRACTIVE_CAUSTICS == 0
     f0 = scale(specular_tint, f0_of_eta(ior))
     cosine = dot(n, wo)
-    r0, t0 = sheet_shares(cosine, ior, f0[0], color[0], reflects, refracts)
-    r1, t1 = sheet_shares(cosine, ior, f0[1], color[1], reflects, refracts)
-    r2, t2 = sheet_shares(cosine, ior, f0[2], color[2], reflects, refracts)
+    reflectance, cos_t = fresnel_dielectric(cosine, ior)
+    front = plain_side(reflectance, ior, f0)
+    back = front
+    if film[0] > LEAST_THICKNESS:
+        front = _filmed_side(closures, tables, lane, n, cosine, ior, f0, film_of(film[0], film[1], ior, False))
+        back = _filmed_side(closures, tables, lane, n, -cos_t, 1.0 / ior, f0, film_of(film[0], film[1], ior, True))
+    r0, t0 = sheet_shares(front[0], back[0], inside_share(color[0], cos_t), reflects, refracts)
+    r1, t1 = sheet_shares(front[1], back[1], inside_share(color[1], cos_t), reflects, refracts)
+    r2, t2 = sheet_shares(front[2], back[2], inside_share(color[2], cos_t), reflects, refracts)
     reflected = (weight[0] * r0, weight[1] * r1, weight[2] * r2)
     through = (weight[0] * t0, weight[1] * t1, weight[2] * t2)
     white = (1.0, 1.0, 1.0)
@@ -109,7 +158,7 @@ def add_thin_glass(closures, tables, lane, weight, wo, n, alpha, ior, specular_t
     i = append_microfacet(closures, lane, GLOSSY, reflected, facets, Interface(1.0, white, white, white, NO_FILM))
     if i >= 0:
         finish_lobe(closures.param, tables.data, lane, i, GLOSSY, wo, True, specular_tint)
-    alpha = thin_alpha(alpha, ior)
+    alpha = thin_alpha(alpha, ior, is_narrow)
     if not alpha * alpha > DELTA_ALPHA_SQUARED:
         add_transparent(closures, lane, through)
         return

@@ -3,8 +3,11 @@
 
 import numpy as np
 
-from engine.kernels.vector import add, transform_point
+from engine.kernels.panorama import panorama_window
+from engine.kernels.shader.surface import read_point
+from engine.kernels.vector import add, normalize, transform_direction, transform_point
 from engine.runtime.jit import kernel
+from engine.state.camera import CAMERA_KIND, KIND_PANORAMA, KIND_PERSPECTIVE
 from engine.state.geometry import INSTANCE_PASS_INDEX
 from engine.state.lanes import (
     POINT_DIFFUSE_DEPTH,
@@ -15,12 +18,14 @@ from engine.state.lanes import (
     POINT_PROGRAM,
     POINT_RAY_FLAGS,
     POINT_RAY_LENGTH,
+    POINT_TANGENT,
     POINT_TRANSMISSION_DEPTH,
     POINT_TRANSPARENT_DEPTH,
+    RAY_CAMERA,
     RAY_EMISSION,
     RAY_SHADOW,
 )
-from engine.state.shaders import CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA, CAMERA_WORLD_TO_NDC
+from engine.state.shaders import CAMERA_LENS, CAMERA_TO_WORLD, CAMERA_WORLD_TO_CAMERA, CAMERA_WORLD_TO_NDC
 
 #: Below LIGHT_PATH_LENGTH the kind is the bit of the ray flags itself.
 LIGHT_PATH_LENGTH = 1 << 20
@@ -78,9 +83,25 @@ def camera_coordinate(camera, points, lane, p):
 
 @kernel
 def window_coordinate(camera, points, lane, p):
-    """Image coordinates in [0, 1] of world point `p`."""
-    if is_of_world(points, lane):
-        p = add(p, (camera[CAMERA_TO_WORLD, 3], camera[CAMERA_TO_WORLD, 7], camera[CAMERA_TO_WORLD, 11]))
+    """Image coordinates in [0, 1] of world point `p`; for the background `p` is a direction.
+
+    As in Cycles, an orthographic camera sees the background where its rays begin, and others that look there take the
+    direction for a point.
+    """
+    kind = int(camera[CAMERA_LENS, CAMERA_KIND])
+    is_world = is_of_world(points, lane)
+    if kind == KIND_PANORAMA:
+        if is_world:
+            d = transform_direction(camera, CAMERA_WORLD_TO_CAMERA, p)
+        else:
+            d = transform_point(camera, CAMERA_WORLD_TO_CAMERA, p)
+        x, y = panorama_window(camera[CAMERA_LENS], normalize((d[0], d[1], -d[2])))
+        return np.float32(x), np.float32(y), np.float32(0.0)
+    if is_world:
+        if kind == KIND_PERSPECTIVE:
+            p = add(p, (camera[CAMERA_TO_WORLD, 3], camera[CAMERA_TO_WORLD, 7], camera[CAMERA_TO_WORLD, 11]))
+        elif points.integer[lane, POINT_RAY_FLAGS] & RAY_CAMERA:
+            p = read_point(points, lane, POINT_TANGENT)
     h = transform_point(camera, CAMERA_WORLD_TO_NDC, p)
     if h[2] == 0.0:
         return (0.0 * h[2], 0.0 * h[2], 0.0 * h[2])

@@ -124,6 +124,23 @@ def test_a_view_that_turns_sends_a_camera(window: Window) -> None:
     assert update.view.camera.transform[:3, 3].tolist() == [-1.0, 0.0, 5.0]
 
 
+def test_culled_objects_go_and_come_with_the_next_change(window: Window) -> None:
+    """As in Cycles: by what the window shows then, not while it turns."""
+    scene, cube, light = bpy.context.scene, bpy.data.objects["Cube"], bpy.data.objects["Light"]
+    scene.render.use_simplify = scene.cycles.use_camera_cull = cube.cycles.use_camera_cull = True
+    scene.update_tag()
+    cube.update_tag()
+    assert window.draw(touched(scene), touched(cube, "t")) == []
+    for aside, names in ((20.0, []), (0.0, ["Cube"])):
+        window.region_3d.view_matrix = window.region_3d.view_matrix.copy()
+        window.region_3d.view_matrix[0, 3] = aside
+        (update,) = window.draw()
+        assert update == Update(view=update.view)
+        light.data.energy *= 2.0
+        (update,) = window.draw(touched(light, "g"), touched(light.data, "gts"))
+        assert list(update.scene.instances.name) == names
+
+
 @pytest.mark.parametrize("edit", ["transform", "light", "material", "mesh", "hide"])
 def test_an_edit_sends_a_scene_in_which_only_that_is_new(window: Window, edit: str) -> None:
     before = window.view.host.scene

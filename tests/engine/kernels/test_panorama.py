@@ -8,7 +8,7 @@ import pytest
 
 from engine.builder.camera import build_camera
 from engine.kernels.camera import generate_ray
-from engine.kernels.panorama import panorama_direction, panorama_position
+from engine.kernels.panorama import panorama_direction, panorama_position, panorama_window
 from engine.kernels.vector import normalize
 from engine.runtime.jit import kernel
 from engine.scene.description import Camera, Frame
@@ -28,12 +28,13 @@ KINDS = [
 
 
 @kernel
-def _there_and_back(camera, xy, directions, back):
+def _there_and_back(camera, xy, directions, back, window):
     for i in range(xy.shape[0]):
         d = panorama_direction(camera, xy[i, 0], xy[i, 1])
         if d[0] != 0.0 or d[1] != 0.0 or d[2] != 0.0:
             d = normalize(d)
             back[i, 0], back[i, 1] = panorama_position(camera, d)
+            window[i, 0], window[i, 1] = panorama_window(camera, d)
         for c in range(3):
             directions[i, c] = d[c]
 
@@ -48,13 +49,14 @@ def _rays(camera, motion, xy, lens, rays):
 
 
 def mapped(panorama, pixels):
-    """Film coordinates of pixels of a square picture, their directions, and the coordinates of those."""
+    """Film coordinates of pixels of a square picture, their directions, and film and window coordinates of those."""
     real = build_camera(Camera("PANO", panorama=panorama), SQUARE, "BOX", 1.0).real
     xy = np.stack([pixels[:, 0] * real[CAMERA_SCALE_X] + real[CAMERA_OFFSET_X],
                    pixels[:, 1] * real[CAMERA_SCALE_Y] + real[CAMERA_OFFSET_Y]], axis=1).astype(np.float32)  # fmt: skip
     directions, back = np.zeros((len(xy), 3), np.float32), np.full((len(xy), 2), np.nan, np.float32)
-    _there_and_back(real, xy, directions, back)
-    return xy, directions, back
+    window = back.copy()
+    _there_and_back(real, xy, directions, back, window)
+    return xy, directions, back, window
 
 
 def traced(camera, pixels, lens=(0.5, 0.5)):
@@ -69,17 +71,19 @@ def traced(camera, pixels, lens=(0.5, 0.5)):
 
 @pytest.mark.parametrize("panorama", KINDS, ids=lambda p: p.kind)
 def test_a_direction_is_seen_where_it_comes_from(panorama):
-    xy, directions, back = mapped(panorama, np.random.default_rng(0).uniform(2.0, 62.0, (500, 2)))
+    pixels = np.random.default_rng(0).uniform(2.0, 62.0, (500, 2))
+    xy, directions, back, window = mapped(panorama, pixels)
     sees = np.isfinite(back[:, 0])
     assert sees.mean() > 0.4
     np.testing.assert_allclose(np.linalg.norm(directions[sees], axis=1), 1.0, atol=1e-6)
     np.testing.assert_allclose(back[sees], xy[sees], atol=3e-4)
+    np.testing.assert_allclose(window[sees], pixels[sees] / 64.0, atol=3e-4)
 
 
 @pytest.mark.parametrize("panorama", [kind for kind in KINDS if "RECT" not in kind.kind and "CYL" not in kind.kind],
                          ids=lambda p: p.kind)  # fmt: skip
 def test_the_middle_looks_ahead(panorama):
-    _, directions, _ = mapped(panorama, np.array([[32.0, 32.0], [40.0, 32.0], [32.0, 40.0]]))
+    _, directions, _, _ = mapped(panorama, np.array([[32.0, 32.0], [40.0, 32.0], [32.0, 40.0]]))
     np.testing.assert_allclose(directions[0], (0, 0, -1), atol=1e-6)
     assert directions[1, 0] > 0.1 and abs(directions[1, 1]) < 1e-6
     assert directions[2, 1] > 0.1 and abs(directions[2, 0]) < 1e-6
@@ -96,7 +100,7 @@ def test_angles_are_those_of_the_lenses():
         (Panorama("MIRRORBALL"), math.pi / 3),
         (Panorama("CENTRAL_CYLINDRICAL", cylinder=(-1.0, 3.0, -1.0, 1.0)), 2.0),
     ):
-        _, directions, _ = mapped(panorama, pixels)
+        _, directions, _, _ = mapped(panorama, pixels)
         expected = (math.sin(angle), 0.0, -math.cos(angle))
         np.testing.assert_allclose(directions[0], expected, atol=1e-5, err_msg=panorama.kind)
 

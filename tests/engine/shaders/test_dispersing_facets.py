@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facets of glass that disperses: GGX stands for Beckmann's, and is named."""
+"""Facets of glass that disperses: GGX stands for Beckmann's, and what does not disperse is named."""
 
 from __future__ import annotations
 
@@ -37,3 +37,26 @@ def test_what_stands_for_beckmann_is_named(
     _, _, notices = compile_programs([ProgramSource("M", graph, dispersion=dispersion)], [])
     named = is_replaced and dispersion != 0.0
     assert [notice.subject for notice in notices] == ["M / It"] * named
+
+
+@pytest.mark.parametrize(
+    ("kind", "inputs", "properties", "is_named"),
+    [
+        ("Glass", {"Thin Film Thickness": 300.0}, {}, True), ("Glass", {}, {}, False),
+        ("Glass", {"Anisotropy": 0.5, "Roughness": 0.3}, {}, True), ("Glass", {"Anisotropy": 0.5}, {}, False),
+        ("Principled", {"Transmission Weight": 1.0, "Thin Film Thickness": Link(1, "Ray Length")}, {}, True),
+        ("Principled", {"Transmission Weight": 1.0, "Anisotropic": 0.5}, {}, True),
+        ("Principled", {"Transmission Weight": 1.0, "Anisotropic": 0.5}, {"tints_by_bounce": False}, False),
+        ("Principled", {"Transmission Weight": 1.0}, {}, False),
+        ("Principled", {"Thin Film Thickness": 300.0}, {}, False),
+    ],
+)  # fmt: skip
+def test_glass_that_does_not_disperse_is_named(kind: str, inputs: dict, properties: dict, is_named: bool) -> None:
+    nodes = [Node(f"ShaderNodeBsdf{kind}", "It", inputs, properties), Node("ShaderNodeLightPath", "Path")]
+    graph = NodeGraph(nodes, Link(0, "BSDF"))
+    for dispersion in (0.0, 0.01):
+        _, _, notices = compile_programs([ProgramSource("M", graph, dispersion=dispersion)], [])
+        named = is_named and dispersion != 0.0
+        assert [(notice.subject, notice.fallback) for notice in notices] == (
+            [("M / It", "it bends all wavelengths alike")] * named
+        )
