@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from engine.guiding.models.residual import cached_variance, with_relative_residual, with_residual
+from engine.guiding.models.residual import cached_noise, with_relative_residual, with_residual
 from engine.kernels.film_sums import sums_adder
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
@@ -297,7 +297,7 @@ class Film:
         if len(sums.residual):
             whole = with_residual(
                 mean, sums.residual * scale, sums.residual_square * scale[:, 0] ** 2, sums.ended * scale[:, 0], shape,
-                cached_variance(sums),
+                cached_noise(sums, shape),
             )
         if not names.isdisjoint(_OF_PICTURE):
             images |= self._picture(sums, whole, weight, scale, shape, names, exposure)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.guiding.models.kept_mean import with_mean
-from engine.ris.orca import sample_variance
+from engine.ris.orca import pixel_weights, sample_variance
 from engine.state.film import FilmTile
 
 #: Pixels to each side over which the two squares are averaged, and by how much of its own error the signal is taken to
@@ -27,8 +27,8 @@ _WINDOW = 4
 _DOUBT = 2.0
 #: Noise that a band may always bring, as a share of that of the cached image. Wider bands bring a quarter each of the
 #: next finer ones' noise: in all it is a third more at most.
-_FREE_NOISE = 0.05
-#: Percentage of the pixels whose noise is cut to the next smaller one's: single bright paths would let in all bands.
+_FREE_NOISE = 0.1
+#: Percentage of the pixels whose noise is cut to the next smaller one's.
 _CUT_PERCENT = 0.1
 #: What is added to the image that differences are relative to, as a share of its mean.
 _LEAST_SHARE = np.float32(0.01)
@@ -39,17 +39,31 @@ _LEAST_WEIGHT = np.float32(1e-18)
 _FINE_BANDS = 3
 
 
-def cached_variance(sums: FilmTile) -> np.ndarray:
-    """Variance of a cached image's pixels, mean over channels: float32 (P,).
+class OwnNoise(NamedTuple):
+    """The cached image's own noise, float32 (P,): variances of its pixels, weighted, and these weights.
+
+    Weights are those of squared errors (`engine.ris.orca.pixel_weights`): what is little beside a bright pixel's noise
+    may be much in the dark beside it. The largest weighted variances are cut: single bright paths would let in all.
+    """
+
+    weighted: np.ndarray
+    weight: np.ndarray
+
+
+def cached_noise(sums: FilmTile, shape: tuple[int, int]) -> OwnNoise:
+    """Noise of a cached image of these rows and columns.
 
     Parameters
     ----------
     sums : FilmTile
+    shape : (int, int)
     """
-    weight = np.maximum(sums.weight, _LEAST_WEIGHT)
-    mean = np.clip(sums.radiance / weight[:, None], -_BRIGHTEST, _BRIGHTEST)
-    square = np.minimum(sums.square / weight[:, None], _BRIGHTEST * _BRIGHTEST)
-    return np.asarray(sample_variance(mean, square) * (sums.weight_squared / (weight * weight)), np.float32)
+    total = np.maximum(sums.weight, _LEAST_WEIGHT)
+    mean = np.clip(sums.radiance / total[:, None], -_BRIGHTEST, _BRIGHTEST)
+    square = np.minimum(sums.square / total[:, None], _BRIGHTEST * _BRIGHTEST)
+    weight = pixel_weights(mean.reshape(*shape, -1))
+    weighted = sample_variance(mean, square) * (sums.weight_squared / (total * total)) * weight
+    return OwnNoise(np.minimum(weighted, np.percentile(weighted, 100.0 - _CUT_PERCENT)).astype(np.float32), weight)
 
 
 def _reduce(image: np.ndarray) -> np.ndarray:
@@ -90,7 +104,7 @@ def _mean_around(image: np.ndarray) -> np.ndarray:
 
 
 def _kept(
-    first: np.ndarray, second: np.ndarray, variance: np.ndarray, own: np.ndarray
+    first: np.ndarray, second: np.ndarray, variance: np.ndarray, weighted: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How much of a band is kept, by its two halves and the variance of their mean in each pixel.
 
@@ -101,8 +115,9 @@ def _kept(
     Parameters
     ----------
     first, second : float (height, width, 3)
-    variance, own : float (height, width, 1)
-        Of the mean of the halves; of the cached image's pixels, mean over those that a pixel of the band stands for.
+    variance : float (height, width, 1)
+    weighted, weight : float (height, width, 1)
+        Of `OwnNoise`, means over the pixels that one of the band stands for.
 
     Returns
     -------
@@ -118,43 +133,41 @@ def _kept(
     # Noise alone makes products of this size: each of the halves has twice the variance of their mean.
     of_noise = 2.0 * np.sqrt(_mean_around(of_pixel * of_pixel) / seen)
     sure = np.maximum(signal - _DOUBT * of_noise, 0.0)
-    free = _FREE_NOISE * _mean_around(own[..., 0]) / np.maximum(noise, 1e-30)
-    kept = np.maximum(sure / np.maximum(sure + noise, 1e-30), np.minimum(free, 1.0))
+    own = _mean_around(weighted[..., 0]) / np.maximum(_mean_around(weight[..., 0]), 1e-30)
+    free = np.minimum(_FREE_NOISE * own / np.maximum(noise, 1e-30), 1.0)
+    kept = np.maximum(sure / np.maximum(sure + noise, 1e-30), free)
     return kept, signal, (1.0 - kept) ** 2 * sure
 
 
 class _Band(NamedTuple):
-    """Both halves of a band, float (height, width, 3), the variance of their mean and the mean variance of the cached
-    image's pixels, float (height, width, 1).
+    """Both halves of a band, float (height, width, 3), the variance of their mean, and means of `OwnNoise`, float
+    (height, width, 1).
     """
 
     first: np.ndarray
     second: np.ndarray
     variance: np.ndarray
-    own: np.ndarray
+    weighted: np.ndarray
+    weight: np.ndarray
 
 
-def _without_brightest(own: np.ndarray) -> np.ndarray:
-    """Variances of pixels, the largest cut."""
-    return np.minimum(own, np.percentile(own, 100.0 - _CUT_PERCENT))
-
-
-def _bands(sums: np.ndarray, variance: np.ndarray, own: np.ndarray | None, shape: tuple[int, int]) -> list[_Band]:
+def _bands(sums: np.ndarray, variance: np.ndarray, own: OwnNoise | None, shape: tuple[int, int]) -> list[_Band]:
     """Bands, the whole image first; each image twice the size of the one before.
 
     A band has a little less variance than the image that it is taken from, which is left out of account.
     """
     halves = 2.0 * sums.reshape(*shape, 2, 3)
-    of_image = np.zeros_like(variance) if own is None else _without_brightest(own)
-    images = [_Band(halves[..., 0, :], halves[..., 1, :], variance.reshape(*shape, 1), of_image.reshape(*shape, 1))]
+    nothing = np.zeros_like(variance)
+    others = [one.reshape(*shape, 1) for one in (variance, *(own or OwnNoise(nothing, nothing)))]
+    images = [_Band(halves[..., 0, :], halves[..., 1, :], *others)]
     while max(images[-1].variance.shape[:2]) > 1:
-        first, second, noise, of_image = images[-1]
-        images.append(_Band(_reduce(first), _reduce(second), 0.25 * _reduce(noise), _reduce(of_image)))
+        coarser = _Band(*(_reduce(one) for one in images[-1]))
+        images.append(coarser._replace(variance=0.25 * coarser.variance))
     bands = [images[-1]]
     for finer, coarser in zip(images[-2::-1], images[:0:-1], strict=True):
         size = finer.variance.shape[:2]
         first, second = finer.first - _expand(coarser.first, size), finer.second - _expand(coarser.second, size)
-        bands.append(_Band(first, second, finer.variance, finer.own))
+        bands.append(finer._replace(first=first, second=second))
     return bands
 
 
@@ -164,7 +177,7 @@ def _with_band(known: np.ndarray, kept: np.ndarray, band: _Band) -> np.ndarray:
 
 
 def known_residual(
-    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], own: np.ndarray | None = None
+    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], own: OwnNoise | None = None
 ) -> np.ndarray:
     """As much of the difference between the true image and the cached one as is known.
 
@@ -176,8 +189,8 @@ def known_residual(
         Variance of what `sums` says in all (`FilmTile.residual_square`, over the squared weight of all samples).
     shape : (int, int)
         Rows and columns of the image.
-    own : float32 (P,), optional
-        Variance of the cached image's pixels, mean over channels; None: no band is kept but what is sure.
+    own : OwnNoise, optional
+        Of the cached image; None: nothing of a band is kept but what is sure.
 
     Returns
     -------
@@ -225,7 +238,7 @@ def with_relative_residual(
 
 def with_residual(
     cached: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int],
-    own: np.ndarray,
+    own: OwnNoise,
 ) -> np.ndarray:
     """The cached image with what is known of what it lacks: float32 (P, 3).
 
@@ -262,7 +275,7 @@ class ResidualNoise(NamedTuple):
 
 
 def residual_noise(
-    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], own: np.ndarray | None = None
+    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], own: OwnNoise | None = None
 ) -> ResidualNoise:
     """What is known, its noise, and what is not known, by pixel.
 
@@ -302,7 +315,7 @@ class ResidualError(NamedTuple):
 
 def residual_error(
     sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], weights: np.ndarray,
-    own: np.ndarray | None = None,
+    own: OwnNoise | None = None,
 ) -> ResidualError:
     """What `known_residual` does to the image, estimated.
 

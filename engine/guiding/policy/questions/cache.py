@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.guiding.models.residual import cached_variance, residual_error
+from engine.guiding.models.residual import cached_noise, residual_error
 from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iteration import Iteration
@@ -116,7 +116,7 @@ class CacheQuestion(Question):
         cached = image_variance(sample_variance(mean, sums.square / weight), of_samples)
         error = residual_error(
             sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, iteration.traced.size, weights,
-            cached_variance(sums),
+            cached_noise(sums, iteration.traced.size),
         )
         # What is surely wrong in the large is wrong in details too, of which the estimate sees a part only. And the
         # cached image has less noise than its samples tell where they are well spread.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.models.kept_mean import with_mean
-from engine.guiding.models.residual import with_relative_residual, with_residual
+from engine.guiding.models.residual import OwnNoise, with_relative_residual, with_residual
 
 SHAPE = (27, 48)
 PIXELS = SHAPE[0] * SHAPE[1]
@@ -23,7 +23,10 @@ def skewed(seed):
     return cached, halves.reshape(PIXELS, 6), (halves**2).mean(axis=2).sum(axis=1), cached.mean(axis=1)
 
 
-@pytest.mark.parametrize("mended", [partial(with_residual, own=np.zeros(PIXELS, np.float32)), with_relative_residual])
+NOISE = OwnNoise(np.ones(PIXELS, np.float32), np.ones(PIXELS, np.float32))
+
+
+@pytest.mark.parametrize("mended", [partial(with_residual, own=NOISE), with_relative_residual])
 def test_nothing_is_lost_or_won_on_average(mended):
     for seed in range(3):
         cached, sums, variance, ended = skewed(seed)
