@@ -298,7 +298,8 @@ def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
         known = (*CYCLES, *METHODS, *VARIANTS)
         raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}, and each with {DENOISED}")
     settings |= VARIANTS.get(name, {})
-    chosen = {"guiding_method": name} | settings
+    # Scenes may have another default.
+    chosen = {"guiding_method": name, "radiance_cache": "OFF"} | settings
     unknown = chosen.keys() - RenderSettings.__dataclass_fields__.keys()
     if unknown:
         raise ValueError(f"no setting {', '.join(sorted(unknown))}")

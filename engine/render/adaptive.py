@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.guiding.models.residual import residual_noise
+from engine.guiding.models.residual import cached_noise, residual_noise
 from engine.render.film import Film
 from engine.render.tiles import FrameTiles, Tile
 from engine.settings import RenderSettings
@@ -103,7 +103,8 @@ def pixel_errors(film: Film, pixels: np.ndarray, exposure: float) -> np.ndarray:
     if len(sums.residual):
         total = np.maximum(sums.weight, np.float32(1e-20))
         found = residual_noise(
-            sums.residual / total[:, None], sums.residual_square / total**2, (film.height, film.width)
+            sums.residual / total[:, None], sums.residual_square / total**2, (film.height, film.width),
+            cached_noise(sums, (film.height, film.width)),
         )
         mean = np.maximum(mean + found.known[pixels], np.float32(0.0))
         difference = difference + found.difference[pixels]

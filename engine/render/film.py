@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from engine.guiding.models.residual import with_relative_residual, with_residual
+from engine.guiding.models.residual import cached_noise, with_relative_residual, with_residual
 from engine.kernels.film_sums import sums_adder
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
@@ -191,7 +191,8 @@ class Film:
         scale = np.float32(exposure) * self._scale()
         shape = (self.height, self.width)
         whole = with_relative_residual(
-            denoised.reshape(-1, 3), self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2, shape
+            denoised.reshape(-1, 3), self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2,
+            self.sums.ended * scale[:, 0], shape
         )
         return whole.astype(np.float32).reshape(*shape, 3)
 
@@ -295,7 +296,8 @@ class Film:
         # Variances below are of the cached samples, about their own mean.
         if len(sums.residual):
             whole = with_residual(
-                mean, sums.residual * scale, sums.residual_square * scale[:, 0] ** 2, shape
+                mean, sums.residual * scale, sums.residual_square * scale[:, 0] ** 2, sums.ended * scale[:, 0], shape,
+                cached_noise(sums, shape),
             )
         if not names.isdisjoint(_OF_PICTURE):
             images |= self._picture(sums, whole, weight, scale, shape, names, exposure)

@@ -25,6 +25,7 @@ from engine.kernels.bsdf import HAS_TRANSMISSION, HAS_TRANSPARENT, mean_roughnes
 from engine.kernels.bsdf.evaluate import is_delta_lobe
 from engine.kernels.bsdf.kinds import SUBSURFACE
 from engine.kernels.constants import FLOAT_MAX, FOUR_PI
+from engine.kernels.lights import tree_of_receiver
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import NO_GROUP, add_radiance, measured_group_count
@@ -67,6 +68,8 @@ _LEAST_ROUGHNESS = np.float32(0.1)
 _LEAST_COSINE = np.float32(0.01)
 #: What has to have sent a path on before it may end: a diffuse lobe once, or a medium last.
 _SPREADS = RAY_DIFFUSE_ANCESTOR | RAY_VOLUME
+#: Bits of a surface's shader in what cells tell surfaces apart by.
+_PROGRAM_BITS = 20
 _ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 
 
@@ -79,6 +82,13 @@ def is_cached_surface(scene, instance, program):
     if shape_at(scene.geometry, instance) != SHAPE_TRIANGLES:
         return False
     return scene.geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_HOLDOUT == 0
+
+
+@kernel
+def surface_kind(scene, points, lane):
+    """What cells tell the surface that a lane has hit from others by: its shader, and the lamps that may light it."""
+    tree = tree_of_receiver(scene.lights, points.integer[lane, POINT_INSTANCE])
+    return np.int64(points.integer[lane, POINT_PROGRAM]) + (tree << _PROGRAM_BITS)
 
 
 @kernel
@@ -127,7 +137,7 @@ def _arrive(scene, paths, cached, points, lane):
 
 
 @kernel
-def _note(paths, cached, points, lane):
+def _note(scene, paths, cached, points, lane):
     """Remember how a recorded path has arrived; whether the surface teaches is known once it is shaded."""
     vertex = cached.vertex_count[lane]
     if vertex >= MAX_CACHE_VERTICES:
@@ -142,7 +152,7 @@ def _note(paths, cached, points, lane):
         cached.vertices[row, CACHE_VERTEX_BEFORE + c] = paths.throughput[lane, c] * inverse
         cached.vertices[row, CACHE_VERTEX_RADIANCE + c] = paths.radiance[lane, c]
     cached.vertices[row, CACHE_VERTEX_SIDE] = cached.arriving[lane]
-    cached.vertex_program[row] = points.integer[lane, POINT_PROGRAM]
+    cached.vertex_program[row] = surface_kind(scene, points, lane)
 
 
 @kernel
@@ -183,14 +193,14 @@ def end_in_cache(scene, unit, radiance, work, queue):
         if cached.is_recorded[lane] != 0:
             left = min(options.max_depth - paths.depth[lane], options.max_diffuse_depth - paths.diffuse_depth[lane])
             if cached.has_met[lane] == 0 or left >= _FAR_LIMIT:
-                _note(paths, cached, points, lane)
+                _note(scene, paths, cached, points, lane)
             cached.has_met[lane] = 1
         level = first_level(cells, cached.arriving[lane])
         if is_first and is_small(cells, level, cached.arriving[lane]):
             cached.level[lane] = level
             cached.place[lane], cached.tag[lane] = cell_key(
                 cells, real_3(points, lane, POINT_P), real_3(points, lane, POINT_NG),
-                points.integer[lane, POINT_PROGRAM], level,
+                surface_kind(scene, points, lane), level,
             )
             prefetch(cells.tag, cached.place[lane])
             asking[asking_count] = lane
@@ -201,7 +211,7 @@ def end_in_cache(scene, unit, radiance, work, queue):
         chosen = path_bits(paths, lane)
         slot = look_up(
             cells, cached.level[lane], cached.place[lane], cached.tag[lane], real_3(points, lane, POINT_P),
-            real_3(points, lane, POINT_NG), points.integer[lane, POINT_PROGRAM], cached.arriving[lane],
+            real_3(points, lane, POINT_NG), surface_kind(scene, points, lane), cached.arriving[lane],
         )
         if slot < 0:
             continue

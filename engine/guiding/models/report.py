@@ -101,8 +101,8 @@ class GuidingReport:
             line += f"; pixels are off by about {self.cache_bias:.1%} that it did not know"
             self.cache_sentence = (
                 f"{sum(cached_shares):.0%} of the paths could end in learned light{where}, and some went on to measure "
-                f"what that lacks. Pixels are still off by about {self.cache_bias:.1%} through it, which vanishes with "
-                "more samples. Unbiased renders have none of it, and more noise"
+                f"what that lacks. Single pixels are still off by about {self.cache_bias:.1%} through it, their mean "
+                "is not, and that vanishes with more samples. Unbiased renders have none of it, and more noise"
             )
         elif any(cached_shares):
             self.cache_sentence = (

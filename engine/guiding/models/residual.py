@@ -4,8 +4,10 @@
 Two halves of these paths give two independent images of it, both unbiased and noisy. They are taken apart into bands,
 from the whole image down to single pixels. Of each band as much is kept as is known: the product of the halves is on
 average the square of what is lacking, the squares of single paths tell the noise, and the Wiener weight of the two is
-what brings the error down most. With ever more samples the noise goes, every band is kept whole, and their sum
-is the measured difference itself: the image converges to the unbiased one (docs/decisions/radiance-cache.md).
+what brings the error down most. Bands whose noise is small beside that of the cached image are kept whole, or nearly
+so, whether anything is sure of them or not: nobody sees what that costs, and what they lack may be too little to be
+sure of, but of one sign over many pixels. With ever more samples the noise goes, every band is kept whole, and their
+sum is the measured difference itself: the image converges to the unbiased one (docs/decisions/radiance-cache.md).
 """
 
 from __future__ import annotations
@@ -15,14 +17,53 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.guiding.models.kept_mean import with_mean
+from engine.ris.orca import pixel_weights, sample_variance
+from engine.state.film import FilmTile
+
 #: Pixels to each side over which the two squares are averaged, and by how much of its own error the signal is taken to
 #: be less than it seems: noise must not pass for it.
 _WINDOW = 4
 _DOUBT = 2.0
+#: Noise that a band may always bring, as a share of that of the cached image. Wider bands bring a quarter each of the
+#: next finer ones' noise: in all it is a third more at most.
+_FREE_NOISE = 0.1
+#: Percentage of the pixels whose noise is cut to the next smaller one's.
+_CUT_PERCENT = 0.1
 #: What is added to the image that differences are relative to, as a share of its mean.
 _LEAST_SHARE = np.float32(0.01)
+#: The brightest mean whose square has room in float32, and the least sum of weights that is divided by.
+_BRIGHTEST = np.float32(1e18)
+_LEAST_WEIGHT = np.float32(1e-18)
 #: Bands of details below 8 pixels.
 _FINE_BANDS = 3
+
+
+class OwnNoise(NamedTuple):
+    """The cached image's own noise, float32 (P,): variances of its pixels, weighted, and these weights.
+
+    Weights are those of squared errors (`engine.ris.orca.pixel_weights`): what is little beside a bright pixel's noise
+    may be much in the dark beside it. The largest weighted variances are cut: single bright paths would let in all.
+    """
+
+    weighted: np.ndarray
+    weight: np.ndarray
+
+
+def cached_noise(sums: FilmTile, shape: tuple[int, int]) -> OwnNoise:
+    """Noise of a cached image of these rows and columns.
+
+    Parameters
+    ----------
+    sums : FilmTile
+    shape : (int, int)
+    """
+    total = np.maximum(sums.weight, _LEAST_WEIGHT)
+    mean = np.clip(sums.radiance / total[:, None], -_BRIGHTEST, _BRIGHTEST)
+    square = np.minimum(sums.square / total[:, None], _BRIGHTEST * _BRIGHTEST)
+    weight = pixel_weights(mean.reshape(*shape, -1))
+    weighted = sample_variance(mean, square) * (sums.weight_squared / (total * total)) * weight
+    return OwnNoise(np.minimum(weighted, np.percentile(weighted, 100.0 - _CUT_PERCENT)).astype(np.float32), weight)
 
 
 def _reduce(image: np.ndarray) -> np.ndarray:
@@ -63,7 +104,7 @@ def _mean_around(image: np.ndarray) -> np.ndarray:
 
 
 def _kept(
-    first: np.ndarray, second: np.ndarray, variance: np.ndarray
+    first: np.ndarray, second: np.ndarray, variance: np.ndarray, weighted: np.ndarray, weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How much of a band is kept, by its two halves and the variance of their mean in each pixel.
 
@@ -75,6 +116,8 @@ def _kept(
     ----------
     first, second : float (height, width, 3)
     variance : float (height, width, 1)
+    weighted, weight : float (height, width, 1)
+        Of `OwnNoise`, means over the pixels that one of the band stands for.
 
     Returns
     -------
@@ -90,33 +133,41 @@ def _kept(
     # Noise alone makes products of this size: each of the halves has twice the variance of their mean.
     of_noise = 2.0 * np.sqrt(_mean_around(of_pixel * of_pixel) / seen)
     sure = np.maximum(signal - _DOUBT * of_noise, 0.0)
-    kept = sure / np.maximum(sure + noise, 1e-30)
+    own = _mean_around(weighted[..., 0]) / np.maximum(_mean_around(weight[..., 0]), 1e-30)
+    free = np.minimum(_FREE_NOISE * own / np.maximum(noise, 1e-30), 1.0)
+    kept = np.maximum(sure / np.maximum(sure + noise, 1e-30), free)
     return kept, signal, (1.0 - kept) ** 2 * sure
 
 
 class _Band(NamedTuple):
-    """Both halves of a band, float (height, width, 3), and the variance of their mean, float (height, width, 1)."""
+    """Both halves of a band, float (height, width, 3), the variance of their mean, and means of `OwnNoise`, float
+    (height, width, 1).
+    """
 
     first: np.ndarray
     second: np.ndarray
     variance: np.ndarray
+    weighted: np.ndarray
+    weight: np.ndarray
 
 
-def _bands(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]) -> list[_Band]:
+def _bands(sums: np.ndarray, variance: np.ndarray, own: OwnNoise | None, shape: tuple[int, int]) -> list[_Band]:
     """Bands, the whole image first; each image twice the size of the one before.
 
     A band has a little less variance than the image that it is taken from, which is left out of account.
     """
     halves = 2.0 * sums.reshape(*shape, 2, 3)
-    images = [_Band(halves[..., 0, :], halves[..., 1, :], variance.reshape(*shape, 1))]
+    nothing = np.zeros_like(variance)
+    others = [one.reshape(*shape, 1) for one in (variance, *(own or OwnNoise(nothing, nothing)))]
+    images = [_Band(halves[..., 0, :], halves[..., 1, :], *others)]
     while max(images[-1].variance.shape[:2]) > 1:
-        first, second, noise = images[-1]
-        images.append(_Band(_reduce(first), _reduce(second), 0.25 * _reduce(noise)))
+        coarser = _Band(*(_reduce(one) for one in images[-1]))
+        images.append(coarser._replace(variance=0.25 * coarser.variance))
     bands = [images[-1]]
     for finer, coarser in zip(images[-2::-1], images[:0:-1], strict=True):
         size = finer.variance.shape[:2]
         first, second = finer.first - _expand(coarser.first, size), finer.second - _expand(coarser.second, size)
-        bands.append(_Band(first, second, finer.variance))
+        bands.append(finer._replace(first=first, second=second))
     return bands
 
 
@@ -125,7 +176,9 @@ def _with_band(known: np.ndarray, kept: np.ndarray, band: _Band) -> np.ndarray:
     return _expand(known, kept.shape) + kept[..., None] * (0.5 * (band.first + band.second))
 
 
-def known_residual(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def known_residual(
+    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], own: OwnNoise | None = None
+) -> np.ndarray:
     """As much of the difference between the true image and the cached one as is known.
 
     Parameters
@@ -136,19 +189,32 @@ def known_residual(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int
         Variance of what `sums` says in all (`FilmTile.residual_square`, over the squared weight of all samples).
     shape : (int, int)
         Rows and columns of the image.
+    own : OwnNoise, optional
+        Of the cached image; None: nothing of a band is kept but what is sure.
 
     Returns
     -------
     float32 (P, 3)
     """
     known = np.zeros((1, 1, 3))
-    for band in _bands(sums, variance, shape):
+    for band in _bands(sums, variance, own, shape):
         known = _with_band(known, _kept(*band)[0], band)
     return known.reshape(-1, 3).astype(np.float32)
 
 
+def _mean_of(image: np.ndarray, sums: np.ndarray) -> np.ndarray:
+    """Mean over pixels of an image with all that it lacks, float (3,)."""
+    lacks = sums.mean(axis=0, dtype=np.float64)
+    return np.asarray(image.mean(axis=0, dtype=np.float64) + lacks[:3] + lacks[3:])
+
+
+def _smooth(ended: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Light of cells by pixel, of which a pixel's few measuring paths say little alone."""
+    return _mean_around(ended.reshape(shape)).ravel()
+
+
 def with_relative_residual(
-    denoised: np.ndarray, sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]
+    denoised: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int]
 ) -> np.ndarray:
     """The denoised cached image with what is known of what it lacks: float32 (P, 3), nowhere negative.
 
@@ -159,18 +225,24 @@ def with_relative_residual(
     Parameters
     ----------
     denoised : float32 (P, 3)
+    ended : float32 (P,)
+        Light that paths ended with, mean over channels (`FilmTile.ended`, over the weight of all samples).
     sums, variance, shape : see `known_residual`
     """
     scale = np.maximum(denoised + _LEAST_SHARE * denoised.mean(), np.float32(1e-12))
     relative = sums / np.concatenate((scale, scale), axis=1)
     known = known_residual(relative, variance / (scale * scale).mean(axis=1), shape)
-    return np.maximum(denoised + known * scale, np.float32(0.0))
+    whole = np.maximum(denoised + known * scale, np.float32(0.0))
+    return with_mean(whole, _mean_of(denoised, sums), _smooth(ended, shape))
 
 
 def with_residual(
-    cached: np.ndarray, sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]
+    cached: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int],
+    own: OwnNoise,
 ) -> np.ndarray:
     """The cached image with what is known of what it lacks: float32 (P, 3).
+
+    Its mean is that of the cached image with all that measuring paths found (`engine.guiding.models.kept_mean`).
 
     It is nowhere negative: the true image is not either, so this can only bring the error down. Where the cached image
     shows light below zero, as of a lamp of negative strength, the true image has such light too, and nothing is cut:
@@ -179,10 +251,13 @@ def with_residual(
     Parameters
     ----------
     cached : float32 (P, 3)
-    sums, variance, shape : see `known_residual`
+    ended : see `with_relative_residual`
+    sums, variance, shape, own : see `known_residual`
     """
-    whole = cached + known_residual(sums, variance, shape)
-    return whole if (cached < 0.0).any() else np.maximum(whole, np.float32(0.0))
+    whole = cached + known_residual(sums, variance, shape, own)
+    if not (cached < 0.0).any():
+        whole = np.maximum(whole, np.float32(0.0))
+    return with_mean(whole, _mean_of(cached, sums), _smooth(ended, shape))
 
 
 class ResidualNoise(NamedTuple):
@@ -199,15 +274,17 @@ class ResidualNoise(NamedTuple):
     lacking: np.ndarray
 
 
-def residual_noise(sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]) -> ResidualNoise:
+def residual_noise(
+    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], own: OwnNoise | None = None
+) -> ResidualNoise:
     """What is known, its noise, and what is not known, by pixel.
 
     Parameters
     ----------
-    sums, variance, shape : see `known_residual`
+    sums, variance, shape, own : see `known_residual`
     """
     known, difference, squared = np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), np.zeros((1, 1, 1))
-    for band in _bands(sums, variance, shape):
+    for band in _bands(sums, variance, own, shape):
         kept, _, lacking = _kept(*band)
         known = _with_band(known, kept, band)
         difference = _expand(difference, kept.shape) + kept[..., None] * (0.5 * (band.second - band.first))
@@ -237,13 +314,14 @@ class ResidualError(NamedTuple):
 
 
 def residual_error(
-    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], weights: np.ndarray
+    sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int], weights: np.ndarray,
+    own: OwnNoise | None = None,
 ) -> ResidualError:
     """What `known_residual` does to the image, estimated.
 
     Parameters
     ----------
-    sums, variance, shape : see `known_residual`
+    sums, variance, shape, own : see `known_residual`
     weights : float32 (P,)
         Weights of the pixels' squared errors (`engine.ris.orca.pixel_weights`).
     """
@@ -252,7 +330,9 @@ def residual_error(
         weight.append(_reduce(weight[-1]))
     known = np.zeros((1, 1, 3))
     total_noise = bias_squared = bias_variance = wide_squared = wide_variance = 0.0
-    for index, (band, of_pixel) in enumerate(zip(_bands(sums, variance, shape), reversed(weight), strict=True)):
+    for index, (band, of_pixel) in enumerate(
+        zip(_bands(sums, variance, own, shape), reversed(weight), strict=True)
+    ):
         kept, signal, _ = _kept(*band)
         noise = band.variance[..., 0]
         known = _with_band(known, kept, band)

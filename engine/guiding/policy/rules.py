@@ -154,10 +154,14 @@ class Rules:
     cache_measured_share: float = 0.125
     #: The share is judged again at so many times the samples.
     cache_again: float = 1.5
-    #: The cache is given up where the image makes so many times the error that one without it would make: at once, or
-    #: when it is judged for the second time in a row.
-    cache_too_bad: float = 3.0
-    cache_bad: float = 1.5
+    #: The cache is given up where a picture has so many times the error at equal cost that it would have without: by
+    #: one look, or by the product of those since it last paid. Few samples tell it to a fifth.
+    cache_lost: float = 2.25
+    #: It is given up sooner after so many looks in which it did not pay.
+    cache_lost_slowly: float = 1.15
+    cache_looks: int = 3
+    #: What asking and teaching cells costs, as a factor of what paths cost.
+    cache_cost: float = 1.1
     #: It is given up at once, too, where what it lacks in the large is surely more than this share of what it says, as
     #: squares, and more than the noise of an image without it: of details of such a lie too little is known in time.
     #: Single bright paths make standard errors that are too small by twice themselves or more; gross lies stand out by

@@ -8,10 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.guiding.models.residual import residual_error
+from engine.guiding.models.residual import cached_noise, residual_error
 from engine.guiding.policy.context import RenderContext
+from engine.guiding.policy.costs import IterationCosts
 from engine.guiding.policy.iteration import Iteration
 from engine.guiding.policy.questions.question import Question
+from engine.guiding.policy.rules import Rules
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.way import Way
 from engine.ris.orca import image_variance, pixel_weights, sample_variance
@@ -37,8 +39,37 @@ def _variance_gain(
     return float(np.clip(gain, low, high).mean())
 
 
+def _surfaces_met(costs: IterationCosts) -> float:
+    """Rays a path that look for the next surface. What else a path costs goes with them."""
+    return costs.closest_count / max(costs.path_count, 1)
+
+
+class Losses:
+    """Whether the cache has lost, by all looks since it last paid.
+
+    Parameters
+    ----------
+    rules : Rules
+    """
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules = rules
+        self._product, self._look_count = 1.0, 0
+
+    def decide(self, ratio: float) -> bool:
+        """Take how many times the error a picture has at equal cost that it would have without; True: give it up."""
+        self._product *= ratio
+        self._look_count += 1
+        if self._product <= 1.0:
+            self._product, self._look_count = 1.0, 0
+        is_clear = self._look_count >= self._rules.cache_looks and self._product > self._rules.cache_lost_slowly
+        return is_clear or self._product > self._rules.cache_lost
+
+
 class CacheQuestion(Question):
-    """Whether the image makes more error with the radiance cache than without, as far as measuring paths tell.
+    """Whether the radiance cache pays: errors of the image with it and without, as measuring paths tell, times what
+    paths cost. Costs are counted, so that the same render gives the same image everywhere: the first iteration, in
+    which no path can end, says how long whole paths are.
 
     Parameters
     ----------
@@ -53,7 +84,8 @@ class CacheQuestion(Question):
         #: Of the paths, to measure what the cache lacks; and the sample from which on it is judged again.
         self._share = context.rules.cache_measured_share if context.settings.measures_cache else 0.0
         self._judge_from = 0.0
-        self._was_bad = False
+        self._losses = Losses(context.rules)
+        self._whole_length = math.inf
 
     @property
     def is_over(self) -> bool:
@@ -69,6 +101,9 @@ class CacheQuestion(Question):
         of the cached image; else fewer.
         """
         sums, next_sample = iteration.sums, iteration.next_sample
+        length = _surfaces_met(iteration.costs)
+        if iteration.index == 1:
+            self._whole_length = max(length, 1e-9)
         if not len(sums.residual) or next_sample < self._judge_from:
             return
         rules = self._rules
@@ -80,7 +115,8 @@ class CacheQuestion(Question):
         of_samples = weights * (sums.weight_squared / weight[:, 0] ** 2)
         cached = image_variance(sample_variance(mean, sums.square / weight), of_samples)
         error = residual_error(
-            sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, iteration.traced.size, weights
+            sums.residual / weight, sums.residual_square / weight[:, 0] ** 2, iteration.traced.size, weights,
+            cached_noise(sums, iteration.traced.size),
         )
         # What is surely wrong in the large is wrong in details too, of which the estimate sees a part only. And the
         # cached image has less noise than its samples tell where they are well spread.
@@ -95,11 +131,14 @@ class CacheQuestion(Question):
         )
         whole = cached + gain
         lacking = max(error.bias_squared - rules.cache_doubt * error.bias_noise, 0.0)
-        ratio = (cached + error.noise + lacking) / max(whole, 1e-20)
+        error_ratio = (cached + error.noise + lacking) / max(whole, 1e-20)
+        # Paths that are left to find all light are no shorter than others, where pixels have stopped or not.
+        cost = rules.cache_cost * min(length / self._whole_length, 1.0)
+        self._report.trials.append(
+            f"radiance cache after {next_sample} samples: {error_ratio:.2f} of the error, {cost:.2f} of the cost"
+        )
         said = float(((sums.ended / weight[:, 0]) ** 2 * weights).mean())
         is_wrong = seen > max(rules.cache_wrong * said, whole)
-        is_given_up = is_wrong or ratio > rules.cache_too_bad or (ratio > rules.cache_bad and self._was_bad)
-        self._was_bad = ratio > rules.cache_bad
-        if is_given_up:
+        if is_wrong or self._losses.decide(error_ratio * cost):
             self._standing.is_over = True
             self._report.cache_stopped_at = next_sample

@@ -4,7 +4,11 @@
 import numpy as np
 import pytest
 
-from engine.guiding.models.residual import known_residual, residual_error, with_residual
+from engine.guiding.models.residual import OwnNoise, known_residual, residual_error, with_residual
+
+#: Light that paths ended with in a picture of 9 x 16 pixels.
+NO_CELLS = np.zeros(9 * 16, np.float32)
+NO_NOISE = OwnNoise(NO_CELLS, NO_CELLS)
 
 
 def film_of(first, second, deviation=0.0):
@@ -58,12 +62,14 @@ def test_a_shape_is_found_as_the_noise_falls():
 
 
 def test_no_light_is_less_than_none():
-    """One pixel lacks less than nothing, in both halves: it is black then, and the others stay as they are."""
+    """One pixel lacks less than nothing, in both halves: it is black then, and the others lack the rest alike."""
     image = np.zeros((9, 16, 3), np.float32)
     image[4, 7] = -5.0
-    whole = with_residual(np.full((9 * 16, 3), 0.5, np.float32), *film_of(image, image), (9, 16)).reshape(9, 16, 3)
+    cached = np.full((9 * 16, 3), 0.5, np.float32)
+    whole = with_residual(cached, *film_of(image, image), NO_CELLS, (9, 16), NO_NOISE).reshape(9, 16, 3)
     np.testing.assert_array_equal(whole[4, 7], 0.0)
-    np.testing.assert_allclose(np.delete(whole.reshape(-1, 3), 4 * 16 + 7, axis=0), 0.5, atol=1e-4)
+    rest = (9 * 16 * 0.5 - 5.0) / (9 * 16 - 1)
+    np.testing.assert_allclose(np.delete(whole.reshape(-1, 3), 4 * 16 + 7, axis=0), rest, atol=1e-4)
 
 
 def test_light_below_zero_stays_where_the_cached_image_has_some():
@@ -72,7 +78,7 @@ def test_light_below_zero_stays_where_the_cached_image_has_some():
     cached[2, 3] = -1.0
     lacks = np.zeros((9, 16, 3), np.float32)
     lacks[4, 7] = -5.0
-    whole = with_residual(cached.reshape(-1, 3), *film_of(lacks, lacks), (9, 16)).reshape(9, 16, 3)
+    whole = with_residual(cached.reshape(-1, 3), *film_of(lacks, lacks), NO_CELLS, (9, 16), NO_NOISE).reshape(9, 16, 3)
     np.testing.assert_allclose(whole, cached + lacks, atol=1e-4)
 
 
@@ -134,3 +140,20 @@ def test_a_lie_in_the_large_is_certain():
     error = residual_error(*film_of(first, second, 1.0), shape, np.ones(72 * 128, np.float32))
     assert error.wide_squared == pytest.approx(0.25, rel=0.1)
     assert error.wide_squared > 8.0 * error.wide_noise
+
+
+def test_wide_bands_whose_noise_nobody_sees_are_kept_though_nothing_is_sure():
+    """A tenth of a pixel's noise lacks everywhere; an image's mean is too noisy to be sure of it, but not too noisy."""
+    shape = (24, 32)
+    rng = np.random.default_rng(8)
+    found, even = [], np.ones(24 * 32)
+    for _ in range(40):
+        first, second = 0.1 + 4.0 * rng.normal(size=(2, *shape, 3))
+        sums, variance = film_of(first, second, 4.0)
+        sure = known_residual(sums, variance, shape)
+        known = known_residual(sums, variance, shape, OwnNoise(4.0 * even, even))
+        found.append((sure.mean(), known.mean(), (known**2).mean()))
+    sure, known, square = np.mean(found, axis=0)
+    assert sure < 0.05 and known == pytest.approx(0.1, abs=0.05)
+    # Two fifteenths of the image's noise, and what is lacking.
+    assert square < 4.0 / 6.0

@@ -11,6 +11,7 @@ import pytest
 
 from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.learnables.roulette import LearnedRoulette, RouletteModel
+from engine.guiding.policy.questions.cache import Losses
 from engine.guiding.policy.questions.roulette import RouletteQuestion
 from engine.guiding.policy.recording import BehindCache, CacheRecording, UnguidedRecording
 from engine.guiding.policy.request import NOTHING_ASKED
@@ -92,3 +93,20 @@ def test_what_is_recorded_behind_a_lost_cache_is_for_roulette() -> None:
     recording.next(iteration(48), comparing)
     assert not recording.is_over and recording.budget is behind.budget and behind.budget.paths_per_sample == 12
     assert recording.next(iteration(64), agenda).record_threshold == 0 and recording.is_over
+
+
+@pytest.mark.parametrize(
+    ("ratios", "given_up_at"),
+    [
+        ((2.5,), 0),
+        ((1.6, 1.5), 1),
+        ((1.1, 1.1, 1.1), 2),
+        ((1.04, 1.04, 1.04, 1.04), 3),
+        ((1.3, 0.7, 1.3, 1.1), None),
+        ((1.3, 1.3, 0.5, 1.1, 1.1), None),
+    ],
+)
+def test_the_cache_is_given_up_by_looks_that_agree(ratios: tuple[float, ...], given_up_at: int | None) -> None:
+    losses = Losses(RULES)
+    decided = [losses.decide(ratio) for ratio in ratios]
+    assert (decided.index(True) if True in decided else None) == given_up_at
