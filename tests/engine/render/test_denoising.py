@@ -45,7 +45,8 @@ def test_the_picture_is_denoised_by_the_passes_that_are_asked_for(inputs, names)
 @needs_library
 @pytest.mark.parametrize(("samples", "share"), [(7, 1.0), (8, 0.5)])
 def test_from_eight_samples_on_fireflies_are_cut_before(samples, share, monkeypatch):
-    monkeypatch.setattr(denoising, "without_fireflies", lambda color, variance, albedo: np.float32(0.5) * color[..., :3])
+    half = np.float32(0.5)
+    monkeypatch.setattr(denoising, "without_fireflies", lambda color, variance, albedo: half * color[..., :3])
     passes = render(corner_scene(), PASSES, samples=samples).passes
     albedo, normal = passes["Denoising Albedo"], passes["Denoising Normal"]
     expected = denoise(np.float32(share) * passes["Noisy Image"][..., :3], albedo, normal, threads=1)
