@@ -372,7 +372,7 @@ class CachedLanes(Bundle):
     base: Float32Array = column("radiance gathered until there", "L", "C", line=0)
     predicted: Float32Array = column("what the path would have ended with", "L", "C", line=0)
     vertices: Float32Array = column("lane * MAX_CACHE_VERTICES + k, by CACHE_VERTEX_*", "vertices", CACHE_VERTEX_WIDTH)
-    vertex_program: Int32Array = column("of the surface's shader, the same rows", "vertices")
+    vertex_program: Int32Array = column("what cells tell the surface by (`surface_kind`), the same rows", "vertices")
 
 
 def allocate_cached_lanes(lane_count: int, channel_count: int = 3) -> CachedLanes:
