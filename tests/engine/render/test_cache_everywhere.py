@@ -9,6 +9,8 @@ from tests.helpers.media_scenes import volume_graph
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 
+pytestmark = pytest.mark.estimator
+
 #: Paths are long, and limits that they often meet would keep them from ending.
 SETTINGS = {
     "samples": 63, "max_bounces": 96, "diffuse_bounces": 96, "volume_bounces": 96, "light_sampling_threshold": 0.0,

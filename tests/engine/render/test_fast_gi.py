@@ -13,6 +13,8 @@ from engine.settings import RenderSettings
 from tests.helpers.media_scenes import volume_graph
 from tests.helpers.small_scenes import floor_scene, material
 
+pytestmark = pytest.mark.estimator
+
 #: A wall of 50 m at y = 3 m.
 WALL = np.array([[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 0], [0, 0, 0, 1]], np.float32)
 ALBEDO = 0.5
