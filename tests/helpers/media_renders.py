@@ -10,6 +10,7 @@ from engine.render.session import Session
 from engine.settings import RenderSettings
 
 SIGMAS = 4.0
+SIGNIFICANCE = 1e-3
 
 
 def render(description, passes=("Combined",), **settings):
@@ -33,8 +34,8 @@ def means_by_seed(description, seeds=8, **settings):
 
 
 def is_mean(means, expected):
-    """Whether means by seed agree with an expected value, float (3,); one right renderer in 15,000 fails."""
+    """Whether means by seed agree with an expected value, float (3,); one right renderer in 1,000 fails."""
     error = means.std(axis=0, ddof=1) / np.sqrt(len(means))
-    # Of few seeds the error itself is uncertain: as seldom beyond as normal noise is beyond SIGMAS (Student, 1908).
-    errors = stats.t.isf(stats.norm.sf(SIGMAS), len(means) - 1)
+    # Of few seeds the error itself is uncertain (Student, 1908).
+    errors = stats.t.isf(0.5 * SIGNIFICANCE, len(means) - 1)
     return bool((np.abs(means.mean(axis=0) - expected) <= errors * error + 1e-5).all())
