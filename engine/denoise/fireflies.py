@@ -13,6 +13,8 @@ _RANK = 3
 _TIMES = 4.0
 #: Standard deviations of a pixel's mean below which what it shows is taken to be there.
 _SURE = 2.0
+#: What may be lost of the picture's light. Where fireflies bring more, they are how light is found there.
+_MOST_LOST = 0.01
 #: Least albedo that brightness is relative to.
 _LEAST_ALBEDO = np.float32(0.05)
 
@@ -37,7 +39,8 @@ def without_fireflies(color: np.ndarray, variance: np.ndarray, albedo: np.ndarra
 
     A firefly is a pixel four times as bright as the third brightest of the 24 around it, both relative to their
     albedos, and not surely so: what lies two standard deviations below it stays. A lamp, or a highlight that most
-    samples find, is sure after few samples; with ever more of them everything is, and nothing is cut.
+    samples find, is sure after few samples; with ever more of them everything is, and nothing is cut. Nor is it where
+    fireflies bring more than a hundredth of the picture's light: each is cut by less then, so that no more is lost.
 
     Parameters
     ----------
@@ -66,6 +69,8 @@ def without_fireflies(color: np.ndarray, variance: np.ndarray, albedo: np.ndarra
         around = np.float32(_TIMES) * _third_brightest(brightness)
         most = np.maximum(np.maximum(around, brightness - np.float32(_SURE) * noise), 0.0)
         is_cut = np.isfinite(brightness) & (brightness > most)
-    share = np.ones_like(brightness)
-    share[is_cut] = most[is_cut] / brightness[is_cut]
-    return seen * share[..., None]
+    lost = np.zeros_like(brightness)
+    lost[is_cut] = 1.0 - most[is_cut] / brightness[is_cut]
+    light = np.where(np.isfinite(seen).all(axis=2), np.abs(seen).sum(axis=2, dtype=np.float64), 0.0)
+    allowed = _MOST_LOST * light.sum() / max(float((lost * light).sum()), 1e-30)
+    return seen * (1.0 - np.float32(min(allowed, 1.0)) * lost)[..., None]

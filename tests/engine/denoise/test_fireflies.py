@@ -10,7 +10,7 @@ GREY = (0.5, 0.5, 0.5)
 FLY = (20.0, 10.0, 6.0)
 
 
-def picture(*places, color=FLY, size=(9, 11)):
+def picture(*places, color=FLY, size=(90, 110)):
     """A grey picture with bright pixels, and variances as of one sample in all that made them bright."""
     image = np.full((*size, 3), GREY, np.float32)
     for place in places:
@@ -18,7 +18,7 @@ def picture(*places, color=FLY, size=(9, 11)):
     return image, np.square(image - np.float32(0.5)) + np.float32(1e-4)
 
 
-@pytest.mark.parametrize("places", [[(4, 5)], [(0, 0)], [(1, 1)], [(8, 10), (8, 9)], [(4, 5), (5, 5)]])
+@pytest.mark.parametrize("places", [[(4, 5)], [(0, 0)], [(1, 1)], [(89, 109), (89, 108)], [(4, 5), (5, 5)]])
 def test_a_firefly_is_cut_to_four_times_what_is_around_it_and_keeps_its_hue(places):
     image, variance = picture(*places)
     found = without_fireflies(image, variance)
@@ -35,6 +35,16 @@ def test_what_is_sure_stays():
     assert without_fireflies(image, variance)[4, 5] == pytest.approx(FLY, rel=0.02)
     variance[4, 5] = 3.0**2
     assert without_fireflies(image, variance)[4, 5] == pytest.approx(np.array(FLY) * 0.5, rel=1e-5)
+
+
+def test_no_more_than_a_hundredth_of_the_light_is_lost():
+    """Where few samples find all light, it is in fireflies alone."""
+    places = [(row, column) for row in range(3, 90, 8) for column in range(3, 110, 8)]
+    image, variance = picture(*places)
+    found = without_fireflies(image, variance)
+    assert found.sum(dtype=np.float64) == pytest.approx(0.99 * image.sum(dtype=np.float64), rel=1e-5)
+    cut = [found[place].mean() / image[place].mean() for place in places]
+    assert np.allclose(cut, cut[0]) and cut[0] < 1.0
 
 
 def test_what_the_surface_or_three_more_pixels_show_stays():
