@@ -27,7 +27,7 @@ def culls(scene: bpy.types.Scene) -> bool:
 
 
 def cull(context: ExportContext, view: DicingView, appearances: Appearances) -> None:
-    """Leave out what the scene and its objects want culled, by the boxes around them, as Cycles does.
+    """Leave out what the scene, which `culls`, and its objects want culled, by the boxes around them, as Cycles does.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def cull(context: ExportContext, view: DicingView, appearances: Appearances) -> 
         Changed: what is culled is shown as nothing.
     """
     scene = context.scene
-    if not culls(scene) or scene.render.use_multiview or view.kind == "PANO":
+    if scene.render.use_multiview or view.kind == "PANO":
         return
     margin = cycles_property(scene, "camera_cull_margin", 0.1)
     reach = cycles_property(scene, "distance_cull_margin", 50.0)

@@ -14,7 +14,7 @@ from .applied_transforms import move_normals
 from .camera import export_camera, export_frame, find_camera, in_middle
 from .colorspaces import blender_to_xyz, working_space
 from .context import ExportCache, ExportContext, Window
-from .culling import cull, view_of_render
+from .culling import cull, culls, view_of_render
 from .fast_gi import export_fast_gi
 from .gases import export_gas
 from .geometry import export_mesh
@@ -131,10 +131,11 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
             clock.go_to(shutter.centre)
             camera = in_middle(camera, export_camera(context, camera_object))
     appearances = gather_appearances(context, materials)
-    if camera_object is not None:
-        cull(context, view_of_render(context, camera_object, frame), appearances)
-    elif context.window is not None and context.window.culling_view is not None:
-        cull(context, context.window.culling_view, appearances)
+    if culls(context.scene):
+        if camera_object is not None:
+            cull(context, view_of_render(context, camera_object, frame), appearances)
+        elif context.window is not None and context.window.culling_view is not None:
+            cull(context, context.window.culling_view, appearances)
     meshes, instances, chosen = _export_instances(context, materials, appearances)
     mesh_of = instances.mesh
     lights, lamps, portals = _export_lights(context, graphs, appearances)

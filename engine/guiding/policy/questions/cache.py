@@ -85,7 +85,8 @@ class CacheQuestion(Question):
         self._share = context.rules.cache_measured_share if context.settings.measures_cache else 0.0
         self._judge_from = 0.0
         self._losses = Losses(context.rules)
-        self._whole_length = math.inf
+        #: Surfaces that a path met in the first iteration; before it is known, all paths count as whole.
+        self._whole_length = 0.0
 
     @property
     def is_over(self) -> bool:
@@ -103,7 +104,7 @@ class CacheQuestion(Question):
         sums, next_sample = iteration.sums, iteration.next_sample
         length = _surfaces_met(iteration.costs)
         if iteration.index == 1:
-            self._whole_length = max(length, 1e-9)
+            self._whole_length = length
         if not len(sums.residual) or next_sample < self._judge_from:
             return
         rules = self._rules
@@ -133,7 +134,7 @@ class CacheQuestion(Question):
         lacking = max(error.bias_squared - rules.cache_doubt * error.bias_noise, 0.0)
         error_ratio = (cached + error.noise + lacking) / max(whole, 1e-20)
         # Paths that are left to find all light are no shorter than others, where pixels have stopped or not.
-        cost = rules.cache_cost * min(length / self._whole_length, 1.0)
+        cost = rules.cache_cost * min(length / max(self._whole_length, 1e-9), 1.0)
         self._report.trials.append(
             f"radiance cache after {next_sample} samples: {error_ratio:.2f} of the error, {cost:.2f} of the cost"
         )
