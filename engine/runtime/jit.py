@@ -9,6 +9,7 @@
 - other kernels call a twin without Python wrapper, machine code and cache file of its own;
 - a wrapper by which C calls it is made for those kernels alone that a library calls;
 - what operators do with numbers is found out once, not at each place where they are written (`inference.py`);
+- numba's passes for what no kernel has are left out (`pipeline.py`), and its flags are compared once (`flags.py`);
 - divisions follow IEEE (no Python exception, no hidden branch), fast-math never assumes away NaN or infinity;
 - literal and int32 arguments do not make numba compile a callee anew (`_serve_callers`);
 - numba hears of a kernel when it is first needed (`Kernel`): most of a process's kernels never are;
@@ -31,8 +32,9 @@ import numpy as np
 from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
+from engine.runtime.flags import keep_flags
 from engine.runtime.kernel_cache import KernelCache
-from engine.runtime.lowering import KernelCompiler
+from engine.runtime.pipeline import KernelCompiler
 
 #: LLVM may contract, reassociate, use reciprocals and drop the sign of zero. It may not assume that NaN and infinity
 #: never occur: rejects are counted by looking for them.
@@ -94,6 +96,12 @@ def _serve_callers(dispatcher: Any, make_callee: Callable[[], Any]) -> Any:
     return dispatcher
 
 
+def _dispatcher(function: Any, options: dict[str, Any]) -> Any:
+    dispatcher = numba.njit(**options)(function)
+    dispatcher._compiler._customize_flags = keep_flags
+    return dispatcher
+
+
 class Kernel:
     """A function that numba compiles; its dispatcher is made when somebody calls it, binds it or asks for its type.
 
@@ -137,10 +145,10 @@ class Kernel:
 
     def _make(self) -> Any:
         function, options = self.py_func, self._options
-        dispatcher = numba.njit(**options)(function)
+        dispatcher = _dispatcher(function, options)
         dispatcher._cache = KernelCache(function)
         inlined = {**options, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        return _serve_callers(dispatcher, lambda: numba.njit(**inlined)(function))
+        return _serve_callers(dispatcher, lambda: _dispatcher(function, inlined))
 
     @property
     def _numba_type_(self) -> Any:

@@ -16,12 +16,9 @@ from typing import Any
 from llvmlite import ir
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
-from numba.core.typed_passes import BaseNativeLowering, NativeLowering, NopythonTypeInference
-
-from engine.runtime.inference import KernelTypeInference
+from numba.core.typed_passes import BaseNativeLowering
 
 
 def leave_uncleared(function: ir.Function) -> None:
@@ -54,7 +51,9 @@ class CalleeLibrary(JITCodeLibrary):
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
-class _KernelLowering(BaseNativeLowering):
+class KernelLowering(BaseNativeLowering):
+    """Numba's lowering, and no machine code of what only other kernels call."""
+
     _name = "kernel_lowering"
 
     @property
@@ -63,12 +62,10 @@ class _KernelLowering(BaseNativeLowering):
 
     def run_pass(self, state: Any) -> bool:
         """Lower a function; one without wrappers, to which nothing but other functions leads, is not made to run."""
-        flags = state.flags
-        if not (flags.no_cpython_wrapper and flags.no_cfunc_wrapper):
+        if not state.flags.no_compile:
             return super().run_pass(state)
         name = state.func_id.func_qualname
         state.library = CalleeLibrary(state.targetctx.codegen(), name)
-        flags.no_compile = True
         super().run_pass(state)
         lowered = state["cr"]
         # They are found through a pointer that numba sets in machine code. No kernel has any.
@@ -78,16 +75,3 @@ class _KernelLowering(BaseNativeLowering):
         state["cr"] = lowered._replace(cfunc=entry)
         return True
 
-
-_OURS = {NativeLowering: _KernelLowering, NopythonTypeInference: KernelTypeInference}
-
-
-class KernelCompiler(CompilerBase):
-    """Numba's compiler, but for what this module and `inference` say."""
-
-    def define_pipelines(self) -> list[PassManager]:
-        """Numba's passes, some of them ours."""
-        passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(_OURS.get(one, one), why) for one, why in passes.passes]
-        passes.finalize()
-        return [passes]
