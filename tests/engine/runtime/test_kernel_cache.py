@@ -357,7 +357,7 @@ for notice in result.report.notices:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
 def test_a_render_on_a_full_disk_goes_on_and_says_so(tmp_path: Path) -> None:
-    """Helpers give up at once, and this process compiles, for minutes: a folder that is none has a kernel's test alone."""
+    """Helpers give up at once, and this process compiles, for minutes. A folder that is none is tested by a kernel."""
     environment = environment_with(tmp_path / "full")
     command = [sys.executable, "-c", LOAD.format(limit=100)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
