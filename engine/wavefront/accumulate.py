@@ -126,9 +126,9 @@ def _keep_caught(spectrum, paths, catcher, lane, film, follows):
 def accumulate(scene, unit, work, queue):
     """Keep living lanes in the queue; add the others to the film and free them.
 
-    A sample with a NaN or infinite channel counts as black and as a reject. A path that measures the radiance cache
-    counts as it would have ended there; what that lacked goes to the film's residual. A film that has a half gets half
-    of the samples there too. Followers of shadow catchers count for nothing else.
+    A sample with a NaN or infinite channel counts as black and as a reject; its alpha counts, as in Cycles. A path that
+    measures the radiance cache counts as it would have ended there; what that lacked goes to the film's residual. A
+    film that has a half gets half of the samples there too. Followers of shadow catchers count for nothing else.
 
     Parameters
     ----------
@@ -178,11 +178,12 @@ def accumulate(scene, unit, work, queue):
                 film.square[pixel, c] += value * value
                 if is_halved:
                     film.half[pixel, c] += value
-            film.alpha[pixel] += paths.alpha[lane]
             if splits_light:
                 _keep_parts(spectrum, paths, work.passes, lane, film)
         else:
             reject_count += 1
+        if math.isfinite(paths.alpha[lane]):
+            film.alpha[pixel] += paths.alpha[lane]
         film.count[pixel] += 1
         free[free_count] = lane
         free_count += 1

@@ -34,6 +34,9 @@ from engine.state.lanes import (
 )
 from engine.wavefront.columns import UNIT_USE_DENOISING, UNIT_USE_FEATURES
 
+#: Of a sum near 1.
+_LAST_BITS = np.float32(3e-7)
+
 
 @kernel
 def keep_transparent(closures, lane):
@@ -91,8 +94,8 @@ def shade_emission(scene, unit, work, queue):
                 for c in range(len(paths.channels)):
                     average += paths.throughput[lane, c]
                 paths.alpha[lane] -= holdout * average / np.float32(len(paths.channels))
-                # Where holdouts sum to more than a hole the rest is seen, as in Cycles.
-                if abs(holdout - 1.0) < 1e-4:
+                # Where holdouts sum to a little less or to more than a hole the rest is seen, as in Cycles.
+                if abs(holdout - 1.0) < _LAST_BITS:
                     paths.alive[lane] = 0
                     continue
         emitted = 0.0

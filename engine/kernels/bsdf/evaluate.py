@@ -41,7 +41,7 @@ from engine.kernels.bsdf.microfacet import eval_microfacet, lobe_color, sample_m
 from engine.kernels.bsdf.normals import shift_shading, terminator_factor
 from engine.kernels.bsdf.warp import sample_cosine_hemisphere
 from engine.kernels.constants import INV_PI, ONE_MINUS_EPSILON
-from engine.kernels.vector import dot, negate
+from engine.kernels.vector import dot, negate, scale
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     CLOSURE_N,
@@ -63,6 +63,10 @@ EVERY_KIND = RAY_DIFFUSE | RAY_GLOSSY | RAY_TRANSMIT | RAY_VOLUME
 
 #: From which bit on a label holds the number of a subsurface lobe.
 LABEL_LOBE = 24
+
+# What has proposed a direction where no lobe has.
+BY_LIGHT = -1
+BY_GUIDE = -2
 
 # Which lobes `sample_lobes` chooses among.
 EVERY_LOBE = 0
@@ -106,6 +110,12 @@ def eval_lobe_of(kinds, param, channels, lane, i, wo, wi, visibility, sampled, o
     if is_linked(kind):
         return eval_linked(param, channels, lane, i, n, wo, wi, factor, out, row)
     if kind <= LAST_DIFFUSE:
+        if kind == HAIR_REFLECTION or kind == HAIR_TRANSMISSION:
+            # Sides are asked of light samples alone (`hair.py`).
+            if sampled != BY_LIGHT:
+                n = scale(n, 0.0)
+            elif (dot(n, wi) < 0.0) != (kind == HAIR_TRANSMISSION):
+                factor = 0.0
         return eval_lobe(kind, param, channels, lane, i, n, wo, wi, factor, out, row)
     if kind <= LAST_MICROFACET:
         return eval_microfacet(param, channels, lane, i, kind, n, wo, wi, factor, out, row)
@@ -117,8 +127,8 @@ def eval_lobes(kinds, param, count, channels, lane, wo, wi, visibility, sampled,
     """Write f |cos| of a lane's non-delta lobes into out[row]; return the mixture's pdf and a lobe picked by it.
 
     Takes the arrays of `Closures` it needs, since each further one costs every call.
-    `sampled` is the index of the lobe that proposed `wi`, -1 if none did. With `u` in [0, 1) the lobe is drawn with
-    the probability that it, of all, would have proposed `wi`; without (`u` < 0) it is -1.
+    `sampled` is the index of the lobe that proposed `wi`, BY_LIGHT or BY_GUIDE if none did. With `u` in [0, 1) a lobe
+    is drawn with the probability that it, of all, would have proposed `wi`; without (`u` < 0) it is -1.
     """
     picked = -1
     for c in range(len(channels)):
@@ -318,7 +328,7 @@ def eval_bsdf(closures, tables, lane, wo, wi, ng, visibility, out, row):
         for c in range(len(closures.channels)):
             out[row, c] = param[lane, 0, CLOSURE_WEIGHT + c] * value
         return pdf
-    pdf, _ = eval_channels(closures, lane, wo, wi, visibility, -1, -1.0, out, row)
+    pdf, _ = eval_channels(closures, lane, wo, wi, visibility, BY_LIGHT, -1.0, out, row)
     return pdf
 
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from engine.kernels.bsdf.closures import read3
-from engine.kernels.bsdf.evaluate import EVERY_KIND, eval_channels, hair_label, is_delta_lobe
+from engine.kernels.bsdf.evaluate import BY_GUIDE, EVERY_KIND, eval_channels, hair_label, is_delta_lobe
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
@@ -115,7 +115,7 @@ def eval_guided(closures, lane, wo, wi, ng, u, out, row):
     kinds = closures.kind
     param = closures.param
     channels = closures.channels
-    pdf, picked = eval_channels(closures, lane, wo, wi, EVERY_KIND, -1, u, out, row)
+    pdf, picked = eval_channels(closures, lane, wo, wi, EVERY_KIND, BY_GUIDE, u, out, row)
     if picked < 0:
         for c in range(len(channels)):
             out[row, c] = 0.0

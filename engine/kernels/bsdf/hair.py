@@ -5,6 +5,10 @@ References
 ----------
 Marschner et al. 2003, "Light Scattering from Human Hair Fibers"; its lobes as Cycles fits them, by a Cauchy
 distribution along the fibre.
+
+Which side of the fibre light comes out on is asked of light samples alone, as in Cycles: they find nothing on the side
+that a component does not send light to. Scattered rays, whoever proposed them, go to either side of the normal and
+carry all of it, else white fur would lose a part of its light each time that a ray meets a fibre.
 """
 
 import math
@@ -105,9 +109,9 @@ def _around(param, lane, i, wo, wi):
 
 
 @kernel
-def _add(param, channels, lane, i, pdf, factor, out, row):
+def _add(param, channels, lane, i, pdf, value, factor, out, row):
     for c in range(len(channels)):
-        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * pdf * factor
+        out[row, c] += param[lane, i, CLOSURE_WEIGHT + c] * value * factor
     return pdf
 
 
@@ -115,27 +119,27 @@ def _add(param, channels, lane, i, pdf, factor, out, row):
 def eval_hair_reflection(param, channels, lane, i, n, wo, wi, factor, out, row):
     """See `Lobe.evaluate`."""
     theta_o, theta_i, cos_phi = _around(param, lane, i, wo, wi)
-    if dot(n, wi) < 0.0 or cos_phi < 0.0 or _HALF_PI - abs(theta_i) < _LEAST_ANGLE:
+    if cos_phi < 0.0 or _HALF_PI - abs(theta_i) < _LEAST_ANGLE:
         return 0.0
     around = param[lane, i, _AROUND]
     phi = min(math.acos(cos_phi) / around, PI)
     pdf = math.cos(0.5 * phi) * 0.25 / around * _density_along(param, lane, i, theta_o, theta_i)
-    return _add(param, channels, lane, i, pdf, factor, out, row)
+    return _add(param, channels, lane, i, pdf, pdf, factor, out, row)
 
 
 @kernel
 def eval_hair_transmission(param, channels, lane, i, n, wo, wi, factor, out, row):
     """See `Lobe.evaluate`."""
     theta_o, theta_i, cos_phi = _around(param, lane, i, wo, wi)
-    if dot(n, wi) >= 0.0 or _HALF_PI - abs(theta_i) < _LEAST_ANGLE:
+    if _HALF_PI - abs(theta_i) < _LEAST_ANGLE:
         return 0.0
     around = param[lane, i, _AROUND]
     rest = PI - math.acos(cos_phi)
-    if rest > _HALF_PI:
-        return 0.0
     whole = 2.0 * math.atan(_HALF_PI / around)
-    pdf = around / (whole * (rest * rest + around * around)) * _density_along(param, lane, i, theta_o, theta_i)
-    return _add(param, channels, lane, i, pdf, factor, out, row)
+    value = around / (whole * (rest * rest + around * around)) * _density_along(param, lane, i, theta_o, theta_i)
+    # Beyond half a turn no ray goes. Light samples do (Cycles).
+    pdf = value if rest <= _HALF_PI else 0.0
+    return _add(param, channels, lane, i, pdf, value if dot(n, n) > 0.0 else pdf, factor, out, row)
 
 
 @kernel

@@ -82,6 +82,8 @@ CLOSURE_IS_BACK = 16
 CLOSURE_IS_BEHIND_DIFFUSE = 32
 #: The surface is a curve, where bumped normals are taken as they are.
 CLOSURE_IS_ON_STRAND = 64
+#: A lobe whose normal is no number takes all others along (`no_normal.py`).
+CLOSURE_IS_LOST = 128
 
 # Bits that `summarize` returns.
 HAS_EVAL = 1

@@ -111,10 +111,10 @@ def evaluate_linked(param, channels, lane, i, n, wo, wi):
         return eval_facets(param, channels, lane, i, bits_of(param[lane, i, _KIND]), n, wo, wi)
     value, pdf = np.float32(0.0), np.float32(0.0)
     if model == TOON_DIFFUSE:
-        value, pdf = eval_toon(param[lane, i, FILM_THICKNESS], param[lane, i, FILM_IOR], dot(n, wi))
+        value, pdf = eval_toon(param[lane, i, FILM_THICKNESS], param[lane, i, FILM_IOR], n, wi)
     elif model == TOON_GLOSSY:
         if dot(n, wo) > 0.0 and dot(n, wi) > 0.0:
-            value, pdf = eval_toon(param[lane, i, FILM_THICKNESS], param[lane, i, FILM_IOR], dot(mirrored(n, wo), wi))
+            value, pdf = eval_toon(param[lane, i, FILM_THICKNESS], param[lane, i, FILM_IOR], mirrored(n, wo), wi)
     elif model == VELVET:
         value, pdf = eval_velvet(param[lane, i, FILM_THICKNESS], n, wo, wi)
     elif max(param[lane, i, ALPHA_X], param[lane, i, ALPHA_Y]) > 0.0:

@@ -41,7 +41,7 @@ class HairLobe:
     Attributes
     ----------
     kind, evaluate, colors
-        As of a `Lobe`; kinds from FIRST_HAIR on.
+        As of a `Lobe`; kinds from FIRST_HAIR on. Of the Hair BSDF `n` is zero but for light samples (`hair.py`).
     sample : kernel
         (param, channels, lane, i, wo, u0, u1, u2) -> wi, unit, with the density that `evaluate` returns; zero where
         it has none.

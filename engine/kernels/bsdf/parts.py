@@ -7,7 +7,7 @@ Translucent lobes are diffuse. What glass reflects is glossy, what it lets throu
 from engine.kernels.bsdf.closures import read3
 from engine.kernels.bsdf.dispersion import set_channel
 from engine.kernels.bsdf.energy import albedo_blends, reflected_albedo
-from engine.kernels.bsdf.evaluate import eval_lobe_of
+from engine.kernels.bsdf.evaluate import BY_LIGHT, eval_lobe_of
 from engine.kernels.bsdf.kinds import (
     CLOSURE_DISPERSES,
     FIRST_HAIR,
@@ -53,7 +53,7 @@ def _eval_parts(closures, lane, wo, wi, visibility, out):
             row = TRANSMISSIVE_LOBES if is_refracted else GLOSSY_LOBES
         elif kind >= FIRST_HAIR:
             row = GLOSSY_LOBES
-        eval_lobe_of(closures.kind, closures.param, closures.channels, lane, i, wo, wi, visibility, -1, out, row)
+        eval_lobe_of(closures.kind, closures.param, closures.channels, lane, i, wo, wi, visibility, BY_LIGHT, out, row)
 
 
 @kernel

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from engine.kernels.constants import HALF_PI, TWO_PI
-from engine.kernels.vector import dot, orthonormal_basis, to_world
+from engine.kernels.vector import dot, length, orthonormal_basis, subtract, to_world
 from engine.runtime.jit import kernel
 
 
@@ -20,17 +20,21 @@ def _one_minus_cos(angle):
 
 
 @kernel
-def eval_toon(size, rim, cosine):
-    """f cos, and density, at a cosine with the cone's axis.
+def eval_toon(size, rim, axis, wi):
+    """f cos, and density, of a direction.
+
+    The angle with the cone's axis is told by the chord between both: a cosine near 1 has too few bits for small cones.
 
     Parameters
     ----------
     size, rim : float32 [radians]
         The even cone, and how much wider the rim is.
+    axis, wi : tuple of 3 float32
+        Of the cone, and the direction; both unit.
     """
     widest = min(size + rim, HALF_PI)
-    angle = math.acos(min(max(cosine, 0.0), 1.0))
-    if cosine < 0.0 or angle >= widest:
+    angle = 2.0 * math.asin(min(0.5 * length(subtract(axis, wi)), 1.0))
+    if angle >= widest:
         return np.float32(0.0), np.float32(0.0)
     pdf = 1.0 / (TWO_PI * _one_minus_cos(widest))
     if angle < size:

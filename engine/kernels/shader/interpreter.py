@@ -4,6 +4,7 @@
 from engine.kernels.bsdf.closures import append_closure, reset_closures
 from engine.kernels.bsdf.kinds import (
     CLOSURE_IS_BEHIND_DIFFUSE,
+    CLOSURE_IS_LOST,
     CLOSURE_IS_ON_STRAND,
     CLOSURE_NO_BUMP_CORRECTION,
     CLOSURE_NO_REFLECTIVE_CAUSTICS,
@@ -30,6 +31,7 @@ from engine.kernels.shader.ops_rays import run_ray_op
 from engine.kernels.shader.ops_texture import run_texture_op
 from engine.kernels.shader.surface import read_point
 from engine.kernels.shader.world_image import ask_for_world, shade_world
+from engine.kernels.vector import store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_FLAG_STRAND,
@@ -155,7 +157,7 @@ def evaluate_shaders(shaders, geometry, tables, points, closures, lanes, lane_co
                 run_input_op(opcode, code, pc, floats, pool, geometry, points, lane, camera, pass_indices)
                 if opcode == OP_SET_NORMAL:
                     # Displacement shown as bump is the surface's own shape: no lobe is bumped against it.
-                    ns = read_point(points, lane, POINT_NS)
-                    for axis in range(3):
-                        closures.ns[lane, axis] = ns[axis]
+                    store(closures.ns, lane, read_point(points, lane, POINT_NS))
             pc += code[pc + 1]
+        if closures.flags[lane] & CLOSURE_IS_LOST:
+            closures.count[lane] = 0

@@ -3,7 +3,6 @@
 
 import math
 
-from engine.kernels.bsdf.normals import safe_normal
 from engine.kernels.limits import at_least, clamp_unit
 from engine.kernels.motion import direction_to_object, direction_to_world, point_to_object, point_to_world
 from engine.kernels.shader.ops_displacement import attribute_here, undisplaced_footprint
@@ -118,7 +117,8 @@ def normal_map(geometry, points, lane, color, strength, space, tangent_slot, uv_
             n = negate(n)
         if strength != 1.0:
             n = normalize(add(ns, scale(subtract(n, ns), at_least(strength, 0.0))))
-    return safe_normal(n, ns)
+    # Of what is no number too: `bsdf/no_normal.py` knows what becomes of that.
+    return n if dot(n, n) != 0.0 else ns
 
 
 @kernel
@@ -135,7 +135,7 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, s
     radius = points.real[lane, POINT_RADIUS]
     n = normal
     if not radius > 0.0:
-        return safe_normal(n, read_point(points, lane, POINT_NS))
+        return n
     dx = footprint_axis(ng, 1)
     dy = footprint_axis(ng, 2)
     if slot != BUMPED_IN_WORLD and instance >= 0:
@@ -154,13 +154,14 @@ def bump(geometry, points, lane, h, hx, hy, strength, distance, normal, width, s
     signed_distance = distance if determinant >= 0.0 else -distance
     raised = subtract(scale(n, width * abs(determinant)), scale(gradient, signed_distance))
     squared = dot(raised, raised)
-    if squared > 0.0:
+    # A height that is no number makes such a normal.
+    if squared != 0.0:
         strength = at_least(strength, 0.0)
         raised = scale(raised, 1.0 / math.sqrt(squared))
         n = normalize(add(scale(raised, strength), scale(n, 1.0 - strength)))
     if slot != BUMPED_IN_WORLD and instance >= 0:
         n = unit_normal_to_world(geometry, instance, time, n)
-    return safe_normal(n, read_point(points, lane, POINT_NS))
+    return n
 
 
 @kernel

@@ -5,9 +5,12 @@ They have no outputs. The first input is always the weight that Mix and Add Shad
 adds nothing. Those that add lobes are in the table of closures, `engine/kernels/bsdf/lobes.py`.
 """
 
+import math
+
 from engine.kernels.bsdf.lobe import View
 from engine.kernels.bsdf.lobes import INSTRUCTIONS, run_instruction
 from engine.kernels.bsdf.no_lobes import add_emission, add_holdout, add_transparent
+from engine.kernels.bsdf.no_normal import drop_lobes
 from engine.kernels.limits import clamp_unit
 from engine.kernels.memory import read3
 from engine.kernels.shader.opcodes import CLOSURE_FIRST, VOLUME_FIRST
@@ -41,6 +44,10 @@ LOBES_FIRST = CLOSURE_FIRST + 5
 def opcode(name: str) -> int:
     """Number of an instruction in the table of closures."""
     return LOBES_FIRST + list(INSTRUCTIONS).index(name)
+
+
+#: The first operand of all others is a normal.
+_FIBRES_FIRST, _FIBRES_LAST = opcode("HAIR"), opcode("HUANG_OUTSIDE")
 
 
 @kernel
@@ -93,4 +100,9 @@ def run_closure_op(opcode, code, pc, memory, points, closures, tables, lane):
         points.real[lane, POINT_RANDOM],
         points.real[lane, POINT_RADIUS] if is_seen else -1.0,
     )
+    first = closures.count[lane]
     run_instruction(opcode - LOBES_FIRST, closures, tables, lane, view, w, memory, code, pc)
+    if opcode < _FIBRES_FIRST or opcode > _FIBRES_LAST:
+        n = read3(memory, code[pc + 3])
+        if math.isnan(n[0] + n[1] + n[2]):
+            drop_lobes(closures, lane, first)

@@ -123,6 +123,12 @@ def safe_divide(a, b):
 
 
 @kernel
+def _over_length(a):
+    """Vector over its length: no number where that is zero, as in Cycles' Normal node."""
+    return scale(a, 1.0 / math.sqrt(dot(a, a)))
+
+
+@kernel
 def map_vector(v, location, rotation, size, kind):
     """Mapping node: scale, rotate (XYZ Euler angles [rad]) and translate; TEXTURE is the inverse of POINT."""
     cx = math.cos(rotation[0])
@@ -345,8 +351,8 @@ def run_input_op(opcode, code, pc, memory, tables, geometry, points, lane, camer
         )
         write3(memory, code[pc + 2], c)
     elif opcode == OP_NORMAL_NODE:
-        direction = normalize(read3(memory, code[pc + 5]))
-        memory[code[pc + 3]] = dot(direction, normalize(read3(memory, code[pc + 4])))
+        direction = _over_length(read3(memory, code[pc + 5]))
+        memory[code[pc + 3]] = dot(direction, _over_length(read3(memory, code[pc + 4])))
         write3(memory, code[pc + 2], direction)
     elif OP_POSITION <= opcode <= OP_WINDOW:
         if opcode == OP_TRUE_NORMAL:

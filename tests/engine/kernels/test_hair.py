@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from engine.kernels.bsdf import chiang, fibre_color, hair
+from engine.kernels.bsdf.evaluate import BY_GUIDE, BY_LIGHT, EVERY_KIND, eval_channels
 from engine.kernels.bsdf.fresnel import fresnel_dielectric
 from engine.kernels.bsdf.lobe import View
 from engine.runtime.jit import kernel
-from engine.state.lanes import allocate_closures
+from engine.state.lanes import CLOSURE_N, allocate_closures
 from tests.helpers.chi2 import histogram, p_value, sidak
 from tests.helpers.closure_operands import pack_operands
 from tests.helpers.fibre_cells import cell_integrals
@@ -88,10 +89,10 @@ CASES = {
 }
 
 
-def _values(closures, directions):
+def _values(closures, directions, n=(np.float32(0.0),) * 3):
     directions = np.ascontiguousarray(directions, np.float32)
     pdfs, values = np.zeros(len(directions), np.float32), np.zeros((len(directions), 3), np.float32)
-    _evaluate(closures.param, closures.channels, closures.kind[0, 0], WO, NS, directions, pdfs, values)
+    _evaluate(closures.param, closures.channels, closures.kind[0, 0], WO, n, directions, pdfs, values)
     return pdfs, values
 
 
@@ -115,6 +116,34 @@ def test_samples_follow_the_density(name: str) -> None:
     # What a sample's own density does not know is rejected.
     kept = directions[_values(closures, directions)[0] > 0.0]
     assert p_value(histogram(kept, ROWS, COLUMNS), _cell_integrals(closures), SAMPLES) > sidak(1e-3, len(CASES))
+
+
+@kernel
+def _by(closures, wo, directions, sampled, out):
+    for k in range(directions.shape[0]):
+        wi = (directions[k, 0], directions[k, 1], directions[k, 2])
+        eval_channels(closures, 0, wo, wi, EVERY_KIND, sampled, -1.0, out, k)
+
+
+@pytest.mark.parametrize("is_transmission", [0, 1])
+def test_rays_go_to_either_side_and_light_samples_do_not(is_transmission: int) -> None:
+    """So a white fibre sends on all light that rays find, as in Cycles, whatever has proposed them."""
+    closures = _hair(0.4, 0.5, is_transmission)
+    n = (1.0, 0.0, 0.0)
+    closures.param[0, 0, CLOSURE_N : CLOSURE_N + 3] = n
+    u = np.random.default_rng(3).random((4096, 3), np.float32)
+    directions = np.zeros((len(u), 3), np.float32)
+    _sample(closures.param, closures.channels, closures.kind[0, 0], WO, u, directions)
+    pdfs, _ = _values(closures, directions)
+    assert (pdfs > 0.0).mean() > 0.998
+    values = {by: np.zeros((len(u), 3), np.float32) for by in (0, BY_GUIDE, BY_LIGHT)}
+    for by, out in values.items():
+        _by(closures, WO, directions, by, out)
+    assert np.array_equal(values[0][:, 0], pdfs)
+    assert np.array_equal(values[BY_GUIDE], values[0])
+    is_right = (directions @ np.array(n) < 0.0) == bool(is_transmission)
+    assert 0.05 < 1.0 - is_right.mean() < 0.5
+    assert np.array_equal(values[BY_LIGHT], np.where(is_right[:, None], values[0], 0.0))
 
 
 def test_a_clear_fibre_loses_nothing() -> None:

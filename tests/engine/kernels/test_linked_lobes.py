@@ -106,6 +106,13 @@ def test_toon_is_even_within_its_cone(which: dict) -> None:
     np.testing.assert_allclose(pdfs[pdfs > 0.0], 1.0 / (2.0 * np.pi * (1.0 - np.cos(0.25 * np.pi))), rtol=1e-5)
 
 
+def test_the_least_toon_cone_loses_no_light() -> None:
+    """Of 1e-5 of a right angle: cosines there are 1 but for their last bits, which lost most of the light."""
+    for cosine in (0.9, 0.5):
+        albedo = Lobes(Case(LINKED, {"first": 0.0, "second": 0.0, **SHINE}), wo=at_cosine(cosine, 0.4)).albedo(12)
+        np.testing.assert_allclose(albedo, 1.0, atol=0.02)
+
+
 @pytest.mark.parametrize("roughness", [0.0, 0.3])
 @pytest.mark.parametrize("is_backfacing", [False, True])
 def test_a_film_on_clear_glass_takes_no_light(roughness: float, is_backfacing: bool) -> None:

@@ -24,10 +24,6 @@ _LEFT_OUT = {
     "ShaderNodeBsdfHair", "ShaderNodeBsdfHairPrincipled",
     # So do they where portals are mixed with what is transparent (docs/differences.md).
     "ShaderNodeBsdfRayPortal",
-    # Their values are compared one by one. With them (and 2.1 sides at least) all scenes become others, of which five
-    # differ, not by these nodes: 50 by rough glass and 184 by a modulo of constants (docs/differences.md), 82 and 282
-    # by normals that are no numbers out of a Normal node's Dot, 69 by a holdout of 0.999999, which is whole here.
-    "ShaderNodeTexGabor", "ShaderNodeRadialTiling",
 }  # fmt: skip
 _SURFACES = ("ShaderNodeBsdf", "ShaderNodeEmission", "ShaderNodeHoldout", "ShaderNodeEeveeSpecular")
 _EXTREMES = (0.0, 0.0, 1.0, -1.0, 1e-6, 1e-3, 30.0, 1e4, 1e6, -1e3)
@@ -48,7 +44,7 @@ _LIMITS = {
     "Detail": (0.0, 15.0), "Detail Roughness": (0.0, 1e6), "IOR": (1.05, 3.0),
     "Coat Weight": (0.0, 3.0), "Sheen Weight": (0.0, 3.0),
     "Absorption Coefficients": (0.0, 1e3), "Scatter Coefficients": (0.0, 1e3),
-    ("ShaderNodeFloatCurve", "Value"): (0.0, 1.0),
+    ("ShaderNodeFloatCurve", "Value"): (0.0, 1.0), ("ShaderNodeRadialTiling", "Sides"): (2.1, 1e6),
 }  # fmt: skip
 #: Before Blender 5.3 Cycles attenuates the emission below coat and sheen for rays that the camera sends, and not for
 #: light samples and paths that end there.
