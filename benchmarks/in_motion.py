@@ -13,6 +13,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from benchmarks.images import Float32Array
+from benchmarks.tables import table
+from benchmarks.temporal_error import References, sequence_errors
+
 _NOISY_SEED, _REFERENCE_SEEDS = 1, (1000, 2000)
 
 
@@ -45,6 +49,37 @@ def render_sequence(motion: str, size: tuple[int, int], samples: int, reference_
         bpy.ops.render.render(animation=True)
 
 
+def _read(folder: Path, name: str, layer: str = "Combined", channels: str = "RGB") -> list[Float32Array]:
+    """A pass of all frames, row 0 at the bottom."""
+    from addon.exr_layers import read_layers
+
+    found = [read_layers(path).image("ViewLayer", layer, channels) for path in sorted(folder.glob(f"{name}_*.exr"))]
+    return [image for image in found if image is not None]
+
+
+def compare(folder: Path, reach: int) -> list[list[float | int | str | None]]:
+    """Denoise a rendered sequence over time; rows of figures, as they are and over those of frame by frame."""
+    import bpy
+
+    bpy.ops.neuralguide.denoise_sequence(filepath=str(folder / "noisy_0001.exr"), reach=reach)
+    first, second = (_read(folder, f"reference{seed}") for seed in _REFERENCE_SEEDS)
+    references = References(first, second, _read(folder, "noisy", "Vector", "XYZW"))
+    sequences = {
+        "not denoised": _read(folder, "noisy", "Noisy Image"), "frame by frame": _read(folder, "noisy"),
+        "over time": _read(folder / "denoised", "noisy"),
+    }  # fmt: skip
+    errors = {name: sequence_errors(pictures, references) for name, pictures in sequences.items()}
+    base = errors["frame by frame"]
+    rows: list[list[float | int | str | None]] = []
+    for name, own in errors.items():
+        row: list[float | int | str | None] = [f"{folder.name}, {name}"]
+        for figure in ("total", "temporal", "changing", "disoccluded"):
+            value, other = getattr(own, figure), getattr(base, figure)
+            row += [1000.0 * value, value / other]
+        rows.append([*row, 100.0 * own.disoccluded_share])
+    return rows
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.in_motion", description="How much denoised sequences flicker."
@@ -53,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--size", nargs=2, type=int, default=(192, 108), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--samples", type=int, default=16, help="a pixel and frame (default: %(default)s)")
     parser.add_argument("--reference-samples", type=int, default=32, help="of each reference (default: %(default)s)")
+    parser.add_argument("--reach", type=int, default=4, help="frames before and after (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/in-motion"), help="frames are kept there")
     return parser
 
@@ -63,9 +99,15 @@ def main(arguments: list[str] | None = None) -> int:
     import addon
 
     addon.register()
+    rows: list[list[float | int | str | None]] = []
     for motion in chosen.motions:
         folder = chosen.out.resolve() / motion
         render_sequence(motion, tuple(chosen.size), chosen.samples, chosen.reference_samples, folder)
+        rows += compare(folder, chosen.reach)
+    header = ["relative squared error x 1000"]
+    for figure in ("in all", "over 8 frames", "frame to frame", "come in sight"):
+        header += [figure, "over frame by frame"]
+    print(table([*header, "% of pixels"], rows))
     return 0
 
 

@@ -72,7 +72,8 @@ def follow(
     for current in range(frame, last, direction):
         moved = place + offsets(vectors_of(current), direction)[rows, columns]
         # What is far outside has no place among whole numbers.
-        nearest = np.rint(np.clip(moved, -1.0, (height, width))).astype(np.intp)
+        moved = np.clip(moved, -1.0, np.asarray((height, width), np.float32))
+        nearest = np.rint(moved).astype(np.intp)
         inside = (nearest >= 0).all(axis=2) & (nearest < (height, width)).all(axis=2)
         rows, columns = (np.clip(nearest[..., axis], 0, size - 1) for axis, size in ((0, height), (1, width)))
         returned = moved + offsets(vectors_of(current + direction), -direction)[rows, columns] - place

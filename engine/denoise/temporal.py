@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Steadying denoised frames: what a denoiser errs changes from frame to frame, and is averaged along what moves."""
+"""Steadying denoised frames: what a denoiser errs changes from frame to frame, and is averaged along what moves.
+
+Why pictures are averaged after they are denoised, and with which weights: docs/decisions/denoising.md.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,20 @@ import numpy as np
 
 from engine.denoise.library import Device
 from engine.denoise.motion import Places, follow
+from engine.denoise.windows import window_means, window_sums
 
-#: Pixels to each side over which noise is measured, and over which pictures are compared.
-_NOISE_REACH, _COMPARED_REACH = 3, 1
-#: Variance of a denoised pixel over that of a sampled one around it: what may differ by chance.
-_KEPT_NOISE = 0.1
-#: How many times that variance two pictures may differ without being taken for different.
-_BY_CHANCE = 2.0
+#: Pixels to each side over which noise is measured, and over which pictures are compared: for edges, shadows, light.
+_NOISE_REACH, _COMPARED_REACHES = 3, (0, 2, 6, 15)
+#: Variance of a denoised pixel over that of the sampled ones around it.
+_KEPT_NOISE = np.float32(0.1)
+#: Square of the standard deviations by which windows may differ by chance.
+_BY_CHANCE = 9.0
 #: A sampled pixel counts as no further from the denoised one than so many times the brightness around.
 _MOST_NOISE = 5.0
 #: Least albedo that albedos are compared by.
 _LEAST_ALBEDO = np.float32(0.02)
 #: Albedos that differ by more of the larger one are of different surfaces, and so are normals that turn by more.
-_MOST_ALBEDO_CHANGE, _LEAST_COSINE = 0.25, 0.9
+_MOST_ALBEDO_CHANGE, _LEAST_COSINE, _NORMAL_SLACK = 0.25, 0.9, 0.05
 #: Albedo may change from frame to frame by a texture under pixels; the light is taken along up to this factor.
 _MOST_RATIO = 2.0
 
@@ -39,8 +43,8 @@ class Frame:
         Denoised too.
     vectors : (height, width, 4) [pixels]
         Blender's pass: x and y to the frame before, and from the frame after.
-    noise : (height, width)
-        Variance by chance of a pixel of `picture`, mean of its channels.
+    noise : (height, width, 3)
+        Variance of a pixel as it was sampled.
     """
 
     picture: np.ndarray
@@ -48,19 +52,6 @@ class Frame:
     normal: np.ndarray
     vectors: np.ndarray
     noise: np.ndarray
-
-
-def _box(image: np.ndarray, reach: int) -> np.ndarray:
-    """Mean of the pixels up to `reach` to each side, the border's repeated."""
-    for axis in (0, 1):
-        widths = [(0, 0)] * image.ndim
-        widths[axis] = (reach + 1, reach)
-        sums = np.cumsum(np.pad(image, widths, mode="edge"), axis=axis, dtype=np.float64)
-        size = 2 * reach + 1
-        length = image.shape[axis]
-        upper, lower = (np.take(sums, np.arange(start, start + length), axis) for start in (size, 0))
-        image = ((upper - lower) / size).astype(np.float32)
-    return image
 
 
 def make_frame(
@@ -74,33 +65,40 @@ def make_frame(
     picture, sampled : float32 (height, width, 3)
         Denoised, and as it was sampled.
     albedo, normal : float32 (height, width, 3)
-        As they were sampled.
+        As they were sampled, normals in any space.
     vectors : float32 (height, width, 4) [pixels]
     threads : int
         0 = all.
+
+    Returns
+    -------
+    Frame
+        What is no number is 0 there.
 
     Raises
     ------
     DenoiserMissing, DenoiserFailed
         As `filter.denoise`.
     """
-    features = {"albedo": np.nan_to_num(albedo, posinf=0.0, neginf=0.0), "normal": np.nan_to_num(normal)}
+    features = {"albedo": _finite(albedo), "normal": _finite(normal)}
     with Device(threads) as device:
         for name, image in features.items():
-            filtered = np.zeros_like(image)
-            device.run({name: np.ascontiguousarray(image), "output": filtered}, {"srgb": False}, "HIGH")
-            features[name] = filtered
-    picture = np.nan_to_num(picture, posinf=0.0, neginf=0.0)
-    most = _MOST_NOISE * _box(picture.mean(axis=2), 1)
-    apart = np.nan_to_num(sampled - picture, posinf=0.0, neginf=0.0)
-    square = np.minimum((apart * apart).mean(axis=2), most * most)
-    return Frame(
-        picture, features["albedo"], features["normal"], vectors, np.float32(_KEPT_NOISE) * _box(square, _NOISE_REACH)
-    )
+            features[name] = np.zeros_like(image)
+            device.run({name: image, "output": features[name]}, {"srgb": False}, "HIGH")
+    picture = _finite(picture)
+    most = _MOST_NOISE * window_means(picture, 1)
+    # Fireflies would hide that anything changes.
+    apart = np.minimum(np.abs(_finite(sampled) - picture), most)
+    noise = window_means(apart * apart, _NOISE_REACH)
+    return Frame(picture, features["albedo"], features["normal"], vectors, noise)
 
 
-def _ratio(albedo: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """What light of a pixel of `other` is to be multiplied by to be that of one of `albedo`."""
+def _finite(image: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(np.nan_to_num(image[..., :3], nan=0.0, posinf=0.0, neginf=0.0), np.float32)
+
+
+def _albedo_ratio(albedo: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """What light of pixels of albedo `other` is to be multiplied by to be that of `albedo`."""
     return np.clip((albedo + _LEAST_ALBEDO) / (other + _LEAST_ALBEDO), 1.0 / _MOST_RATIO, _MOST_RATIO)
 
 
@@ -111,16 +109,37 @@ def _is_same_surface(frame: Frame, other: Frame, places: Places) -> np.ndarray:
     agrees = np.abs(frame.albedo - albedo).max(axis=2) < _MOST_ALBEDO_CHANGE * brighter + _LEAST_ALBEDO
     along = (frame.normal * normal).sum(axis=2)
     longer = np.maximum((frame.normal * frame.normal).sum(axis=2), (normal * normal).sum(axis=2))
-    return agrees & (along > _LEAST_COSINE * longer - 0.05)
+    return np.asarray(agrees & (along > _LEAST_COSINE * longer - _NORMAL_SLACK))
 
 
-def _weight(frame: Frame, other: Frame, places: Places, moved: np.ndarray) -> np.ndarray:
-    """What another frame's pixels count for beside the frame's own, by how they differ: float32 (height, width)."""
-    apart = frame.picture - moved
-    square = _box((apart * apart).mean(axis=2), _COMPARED_REACH)
-    noise = 0.5 * (frame.noise + other.noise[places])
-    change = np.maximum(square - 2.0 * _BY_CHANCE * noise, 0.0)
-    return noise / (noise + change + np.float32(1e-12))
+def _change(frame: Frame, moved: np.ndarray, noise: np.ndarray, is_same: np.ndarray) -> np.ndarray:
+    """Square of what pictures differ by and chance does not explain, over the variance of a denoised pixel.
+
+    Means over windows are compared, of each size and channel; the largest counts: float64 (height, width).
+
+    Parameters
+    ----------
+    moved : float32 (height, width, 3)
+        The other picture, its pixels where this one has them.
+    noise : float32 (height, width, 3)
+        Variance of a pixel of both as they were sampled, in sum.
+    is_same : bool (height, width)
+        Pixels that can be compared.
+    """
+    chosen = is_same[..., None].astype(np.float32)
+    most = max(_COMPARED_REACHES)
+    sums, counts, variances = (
+        window_sums(image, most) for image in ((frame.picture - moved) * chosen, chosen, noise * chosen)
+    )
+    largest = np.zeros(is_same.shape)
+    kept = _KEPT_NOISE * noise + np.float32(1e-12)
+    for reach in _COMPARED_REACHES:
+        count = np.maximum(counts(reach), 1.0)
+        # Means over windows err as those of the sampled pixels, which a denoiser keeps, and no more than its own.
+        chance = np.minimum(variances(reach) / (count * count), kept)
+        square = np.maximum(np.square(sums(reach) / count) - _BY_CHANCE * chance, 0.0)
+        np.maximum(largest, (square / kept).max(axis=2), out=largest)
+    return largest
 
 
 def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int) -> np.ndarray:
@@ -128,8 +147,8 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
 
     A pixel of another frame counts if motion vectors lead to it and back, and if albedo and normal are those of the
     same surface. It counts the less the more the pictures around the two differ than noise explains: so do shadows,
-    lamps and reflections that move. With the variance s of a pixel and the square b of such a difference its weight is
-    s / (s + b), which is best for the mean's squared error.
+    lamps and reflections that move. With s the variance of a pixel, b what they differ by, and n other frames that are
+    likely to differ by the same, its weight is 1 / (1 + n b^2 / s), for the least squared error of the mean.
 
     Parameters
     ----------
@@ -151,9 +170,10 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
         last = max(index - reach, 0) if direction < 0 else min(index + reach, count - 1)
         for sighting in follow(lambda number: frame_of(number).vectors, index, last, direction):
             other, places = frame_of(index + sighting.lag), sighting.places
-            moved = other.picture[places] * _ratio(frame.albedo, other.albedo[places])
-            weight = _weight(frame, other, places, moved)
-            weight[~(sighting.is_seen & _is_same_surface(frame, other, places))] = 0.0
+            is_same = sighting.is_seen & _is_same_surface(frame, other, places)
+            moved = other.picture[places] * _albedo_ratio(frame.albedo, other.albedo[places])
+            change = _change(frame, moved, frame.noise + other.noise[places], is_same)
+            weight = np.where(is_same, 1.0 / (1.0 + 2 * reach * change), 0.0).astype(np.float32)
             total += weight[..., None] * moved
             weights += weight
     return total / weights[..., None]
