@@ -121,6 +121,13 @@ class NEURALGUIDE_PT_sampling_render_denoise(_DenoisePanel, bpy.types.Panel):  #
 
     bl_parent_id = "NEURALGUIDE_PT_sampling_render"
 
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings, and what denoises frames that are there already."""
+        super().draw(context)
+        row = self.layout.row()
+        row.active = not denoiser_problem()
+        row.operator("neuralguide.denoise_sequence", text="Denoise Sequence of Frames...")
+
 
 class NEURALGUIDE_PT_sampling_lights(RenderPanel, bpy.types.Panel):  # noqa: N801
     """How lights are sampled."""

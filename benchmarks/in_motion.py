@@ -73,7 +73,7 @@ def compare(folder: Path, reach: int) -> list[list[float | int | str | None]]:
     rows: list[list[float | int | str | None]] = []
     for name, own in errors.items():
         row: list[float | int | str | None] = [f"{folder.name}, {name}"]
-        for figure in ("total", "temporal", "changing", "disoccluded"):
+        for figure in ("total", "whole", "temporal", "disoccluded"):
             value, other = getattr(own, figure), getattr(base, figure)
             row += [1000.0 * value, value / other]
         rows.append([*row, 100.0 * own.disoccluded_share])
@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
         render_sequence(motion, tuple(chosen.size), chosen.samples, chosen.reference_samples, folder)
         rows += compare(folder, chosen.reach)
     header = ["relative squared error x 1000"]
-    for figure in ("in all", "over 8 frames", "frame to frame", "come in sight"):
+    for figure in ("in all", "with the worst 0.1%", "over 8 frames", "come in sight"):
         header += [figure, "over frame by frame"]
     print(table([*header, "% of pixels"], rows))
     return 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,8 @@ _KEPT_NOISE = np.float32(0.1)
 _BY_CHANCE = 9.0
 #: A sampled pixel counts as no further from the denoised one than so many times the brightness around.
 _MOST_NOISE = 5.0
+#: Motion within so many pixels around may differ by less than so much, where all is one thing [pixels].
+_EDGE_REACH, _MOST_SPREAD = 1, 0.5
 #: Least albedo that albedos are compared by.
 _LEAST_ALBEDO = np.float32(0.02)
 #: Albedos that differ by more of the larger one are of different surfaces, and so are normals that turn by more.
@@ -52,6 +55,20 @@ class Frame:
     normal: np.ndarray
     vectors: np.ndarray
     noise: np.ndarray
+
+    @cached_property
+    def moves_as_one(self) -> np.ndarray:
+        """Where a pixel and those around it move alike, bool (height, width): else it may show two things at once."""
+        vectors = np.nan_to_num(self.vectors, nan=0.0, posinf=0.0, neginf=0.0)
+        height, width = vectors.shape[:2]
+        padded = np.pad(vectors, ((_EDGE_REACH, _EDGE_REACH), (_EDGE_REACH, _EDGE_REACH), (0, 0)), mode="edge")
+        shifted = [
+            padded[row : row + height, column : column + width]
+            for row in range(2 * _EDGE_REACH + 1)
+            for column in range(2 * _EDGE_REACH + 1)
+        ]
+        spread = np.maximum.reduce(shifted) - np.minimum.reduce(shifted)
+        return np.asarray(spread.max(axis=2) < _MOST_SPREAD)
 
 
 def make_frame(
@@ -145,10 +162,11 @@ def _change(frame: Frame, moved: np.ndarray, noise: np.ndarray, is_same: np.ndar
 def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int) -> np.ndarray:
     """A frame's picture, averaged with what the frames around it show of the same.
 
-    A pixel of another frame counts if motion vectors lead to it and back, and if albedo and normal are those of the
-    same surface. It counts the less the more the pictures around the two differ than noise explains: so do shadows,
-    lamps and reflections that move. With s the variance of a pixel, b what they differ by, and n other frames that are
-    likely to differ by the same, its weight is 1 / (1 + n b^2 / s), for the least squared error of the mean.
+    A pixel of another frame counts if motion vectors lead to it and back, if all around both moves alike, and if albedo
+    and normal are those of the same surface. It counts the less the more the pictures around the two differ than noise
+    explains: so do shadows, lamps and reflections that move. With s the variance of a pixel, b what they differ by, and
+    n other frames that are likely to differ by the same, its weight is 1 / (1 + n b^2 / s), for the least squared error
+    of the mean.
 
     Parameters
     ----------
@@ -170,7 +188,8 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
         last = max(index - reach, 0) if direction < 0 else min(index + reach, count - 1)
         for sighting in follow(lambda number: frame_of(number).vectors, index, last, direction):
             other, places = frame_of(index + sighting.lag), sighting.places
-            is_same = sighting.is_seen & _is_same_surface(frame, other, places)
+            is_same = sighting.is_seen & frame.moves_as_one & other.moves_as_one[places]
+            is_same &= _is_same_surface(frame, other, places)
             moved = other.picture[places] * _albedo_ratio(frame.albedo, other.albedo[places])
             change = _change(frame, moved, frame.noise + other.noise[places], is_same)
             weight = np.where(is_same, 1.0 / (1.0 + 2 * reach * change), 0.0).astype(np.float32)
