@@ -104,6 +104,10 @@ class _DenoisePanel(RenderPanel):
         draw_shared(column, scene, f"{kind}denoising_quality", text="Quality")
         if kind:
             draw_shared(column, scene, f"{kind}denoising_start_sample", text="Start Sample")
+            return
+        row = self.layout.row()  # type: ignore[attr-defined]
+        row.active = not problem
+        row.operator("neuralguide.denoise_sequence", text="Denoise Sequence of Frames...")
 
 
 class _ViewportDenoisePanel(_DenoisePanel):
@@ -120,13 +124,6 @@ class NEURALGUIDE_PT_sampling_render_denoise(_DenoisePanel, bpy.types.Panel):  #
     """What takes the noise out of the finished picture."""
 
     bl_parent_id = "NEURALGUIDE_PT_sampling_render"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings, and what denoises frames that are there already."""
-        super().draw(context)
-        row = self.layout.row()
-        row.active = not denoiser_problem()
-        row.operator("neuralguide.denoise_sequence", text="Denoise Sequence of Frames...")
 
 
 class NEURALGUIDE_PT_sampling_lights(RenderPanel, bpy.types.Panel):  # noqa: N801
