@@ -16,6 +16,7 @@ from typing import Any
 from benchmarks.images import Float32Array
 from benchmarks.tables import table
 from benchmarks.temporal_error import References, sequence_errors
+from engine.denoise.filter import denoise
 
 _NOISY_SEED, _REFERENCE_SEEDS = 1, (1000, 2000)
 
@@ -63,7 +64,16 @@ def compare(folder: Path, reach: int) -> list[list[float | int | str | None]]:
 
     bpy.ops.neuralguide.denoise_sequence(filepath=str(folder / "noisy_0001.exr"), reach=reach)
     first, second = (_read(folder, f"reference{seed}") for seed in _REFERENCE_SEEDS)
-    references = References(first, second, _read(folder, "noisy", "Vector", "XYZW"))
+    features = zip(
+        _read(folder, "noisy", "Denoising Albedo"), _read(folder, "noisy", "Denoising Normal", "XYZ"), strict=True
+    )
+    clean = [
+        denoise(0.5 * (one + other), albedo, normal)
+        for one, other, (albedo, normal) in zip(first, second, features, strict=True)
+    ]
+    references = References(
+        first, second, [image for image in clean if image is not None], _read(folder, "noisy", "Vector", "XYZW")
+    )
     sequences = {
         "not denoised": _read(folder, "noisy", "Noisy Image"), "frame by frame": _read(folder, "noisy"),
         "over time": _read(folder / "denoised", "noisy"),

@@ -28,17 +28,21 @@ class References:
     Attributes
     ----------
     first, second : list of float32 (height, width, 3), row 0 at the bottom
+    clean : list of float32 (height, width, 3)
+        Of which brightness errors are relative to: both denoised. Where noisy ones are dark by chance a picture seems too
+        bright too.
     vectors : list of float32 (height, width, 4) [pixels]
     """
 
     first: Sequence[np.ndarray]
     second: Sequence[np.ndarray]
+    clean: Sequence[np.ndarray]
     vectors: Sequence[np.ndarray]
 
     def scale(self, index: int) -> np.ndarray:
         """What squares of a frame's errors are relative to: float32 (height, width)."""
-        mean = 0.5 * float(np.mean(self.first) + np.mean(self.second))
-        return np.asarray(0.25 * np.square(self.first[index] + self.second[index]).mean(axis=2) + 0.01 * mean * mean)
+        mean = float(np.mean(self.clean))
+        return np.asarray(np.square(self.clean[index]).mean(axis=2) + 0.01 * mean * mean)
 
 
 @dataclass(frozen=True)

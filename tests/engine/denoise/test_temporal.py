@@ -76,6 +76,16 @@ def test_what_an_object_uncovers_keeps_its_own_pixels():
     assert (found[:8] - 1.0).std() < 0.6 * DENOISED
 
 
+def test_an_edge_out_of_focus_keeps_its_own_pixels():
+    """Vectors blend from those of what moves in front into those of the wall behind; all looks alike."""
+    motion = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    motion[..., ::2] = np.clip((np.arange(WIDTH) - 28.0) / 4.0, 0.0, 2.0)[:, None]
+    frames = make_frames([grey()] * COUNT, vectors=[motion] * COUNT)
+    found, own = steadied(frames), frames[REACH].picture
+    assert np.array_equal(found[:, 30:34], own[:, 30:34])
+    assert (found[:, :20] - 1.0).std() < 0.5 * DENOISED
+
+
 @pytest.mark.parametrize("before", [0.0, 0.9])
 def test_a_lamp_that_is_switched_on_leaves_no_ghost(before):
     """Of a lamp that makes all lighter by a tenth, less than what noise leaves is seen a frame before and after."""
