@@ -29,8 +29,8 @@ class References:
     ----------
     first, second : list of float32 (height, width, 3), row 0 at the bottom
     clean : list of float32 (height, width, 3)
-        Of which brightness errors are relative to: both denoised. Where noisy ones are dark by chance a picture seems too
-        bright too.
+        Of which brightness errors are relative to: both denoised. Where noisy ones are dark by chance a picture seems
+        too bright too.
     vectors : list of float32 (height, width, 4) [pixels]
     """
 
