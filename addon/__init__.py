@@ -28,14 +28,15 @@ def _modules() -> list:  # type: ignore[type-arg]
         properties,
         saved_settings,
         sequence,
+        sequence_operator,
         ui,
         warm_up,
     )
     from .viewport import windows
 
     return [
-        log, properties, saved_settings, engine, sequence, learned_fields, operators, ui, last_render, bug_report,
-        preferences, warm_up, windows,
+        log, properties, saved_settings, engine, sequence, learned_fields, operators, sequence_operator, ui,
+        last_render, bug_report, preferences, warm_up, windows,
     ]  # fmt: skip
 
 

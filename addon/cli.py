@@ -17,6 +17,8 @@ import bpy
 from . import console, engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .declared_settings import parse_setting, setting_owner
+from .denoise_sequence import FOLDER, SequenceDenoiser, find_frames
+from .exr_layers import LayersError
 from .frame_files import FrameClaim, is_finished
 from .log import log_failure
 from .output_files import was_written
@@ -182,6 +184,23 @@ class CommandLineRenderer:
     def _do_resume(self, _value: str) -> None:
         render = self._scene.render
         render.use_overwrite, render.use_placeholder = False, True
+
+    def _do_denoise_sequence(self, path: str) -> None:
+        file = Path(path).resolve()
+        try:
+            denoiser = SequenceDenoiser(find_frames(file), file.parent / FOLDER, threads=self._threads or 0)
+        except (LayersError, OSError) as error:
+            raise CommandLineError(f"--denoise-sequence: {error}") from None
+        try:
+            for written in denoiser:
+                console.say(f"Saved: '{written}'")
+                if self.is_interrupted:
+                    return
+        except (LayersError, OSError) as error:
+            console.complain(f"--denoise-sequence: {error}")
+            self.failures.append(str(error))
+        for warning in denoiser.warnings:
+            console.say(f"NeuralGuide: {warning}")
 
     def close(self) -> None:
         """Leave the cluster, if there is one."""

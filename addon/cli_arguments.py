@@ -41,6 +41,8 @@ makes no sense.
                                when it begins: Blender's Overwrite off, and Placeholders on
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
+  --denoise-sequence <file>    Denoise all rendered frames of which this OpenEXR MultiLayer file is one, over time, into
+                               the folder "denoised" beside them
   -h, --help                   Show this and exit
   -v, --version                Show versions and exit
   --report                     Show what a report of a bug needs, and exit: versions, processor, the end of the log
@@ -83,6 +85,7 @@ _OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name
 _OPTIONS["--field"] = ("field", True)  # ours as well
 _OPTIONS["--cluster"] = ("cluster", True)  # and this
 _OPTIONS["--resume"] = ("resume", False)  # and this
+_OPTIONS["--denoise-sequence"] = ("denoise-sequence", True)  # and this
 _MOST_LOCAL_WORKERS = 256
 
 

@@ -104,6 +104,10 @@ class _DenoisePanel(RenderPanel):
         draw_shared(column, scene, f"{kind}denoising_quality", text="Quality")
         if kind:
             draw_shared(column, scene, f"{kind}denoising_start_sample", text="Start Sample")
+            return
+        row = self.layout.row()  # type: ignore[attr-defined]
+        row.active = not problem
+        row.operator("neuralguide.denoise_sequence", text="Denoise Sequence of Frames...")
 
 
 class _ViewportDenoisePanel(_DenoisePanel):

@@ -34,6 +34,12 @@ TOPICS = (
         "choose the file that was saved for this scene.",
     ),
     Topic(
+        "Denoising a sequence of frames",
+        ("addon/denoise_sequence.py", "addon/exr_layers.py", "addon/sequence_operator.py"),
+        "Nothing is changed but files in the folder of denoised frames; those that are finished stay. "
+        "[denoised-animations.md](denoised-animations.md) says what frames must have.",
+    ),
+    Topic(
         "The command line", ("addon/cli.py", "addon/cli_arguments.py", "addon/output_files.py"),
         "Correct the option or the file that is named. `python -m addon --help` lists the options.",
     ),
