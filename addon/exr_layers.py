@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .export.bundled_modules import find_bundled
-
 
 class LayersError(ValueError):
     """A file cannot be read or written; the message names it and says why."""
@@ -79,6 +77,9 @@ class LayeredImage:
 
 
 def _library() -> Any:
+    # Nobody who denoises no sequence waits for the exporter.
+    from .export.bundled_modules import find_bundled
+
     library = find_bundled("OpenImageIO")
     if library is None:
         raise LayersError("this Blender has no OpenImageIO for Python, which reads and writes files of layers")
