@@ -54,7 +54,7 @@ _NEVER = frozenset(
 
 
 def has_closures(code: CodeType) -> bool:
-    """Whether a function defines others, comprehensions among them."""
+    """Whether a function defines others, comprehensions among them in Python 3.11."""
     return any(isinstance(constant, CodeType) for constant in code.co_consts)
 
 
