@@ -15,7 +15,7 @@ pytest.importorskip("bpy")
 
 from tests.helpers.fuzz.judge import judge
 
-SCENES = 300
+SCENES = 200
 SCENES_OF_A_TEST = 25
 #: Scenes whose means differ for a reason in docs/differences.md. 50: light that Cycles sends through glass of a
 #: roughness of 0.93 by facets that there are not. 184: Vector Math's Modulo of a constant by zero.

@@ -57,8 +57,9 @@ def test_the_furnace_stays_white_however_collisions_are_guided(method):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("varies", [False, True])
-@pytest.mark.parametrize("method", ["VMM_RIS", "TABLE_RIS", "SDTREE", "SDTREE_VARIANCE"])
+@pytest.mark.parametrize(
+    ("method", "varies"), [("VMM_RIS", True), ("TABLE_RIS", False), ("SDTREE", True), ("SDTREE_VARIANCE", False)]
+)
 def test_the_furnace_stays_white_by_other_methods_and_where_fog_varies(method, varies):
     means = means_by_seed(furnace(varies), **guided(method))
     assert is_mean(means, np.ones(3))

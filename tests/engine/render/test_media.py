@@ -275,10 +275,12 @@ def test_guided_renders_of_media_have_the_same_mean():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("anisotropy, seen_bias, seeds", [(0.0, 0.02, 12), (0.5, 0.05, 8)])
-def test_guiding_where_fog_scatters_keeps_the_mean(anisotropy, seen_bias, seeds):
-    """Fog in a room whose lamp stands behind a wall: most of its light comes round it, by surfaces and by fog."""
-    fog = medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=0.5, Anisotropy=anisotropy)
+def test_guiding_where_fog_scatters_keeps_the_mean():
+    """Fog in a room whose lamp stands behind a wall: most of its light comes round it, by surfaces and by fog.
+
+    `tests/benchmarks/test_stability.py` has fog that scatters forward and backward.
+    """
+    fog = medium("Scatter", Color=(0.9, 0.9, 0.9, 1.0), Density=0.5, Anisotropy=0.0)
     white = medium("Absorption", "ShaderNodeBsdfDiffuse", name="Wall", Density=0.0)
     lamp = Light("lamp", "Lamp", "AREA", placed(offset=(2.5, 0.0, 3.9)), (1.0, 1.0, 1.0), 300.0, size_x=0.5)
     around = [
@@ -292,12 +294,12 @@ def test_guiding_where_fog_scatters_keeps_the_mean(anisotropy, seen_bias, seeds)
     )
     scene.camera.lens = 20.0
     settings = {"samples": 511, "volume_bounces": 12, "max_bounces": 12, "diffuse_bounces": 8}
-    plain = means_by_seed(scene, seeds, **settings)
-    guided = means_by_seed(scene, seeds, guiding_method="VMM", guiding_trial=False, **settings)
+    plain = means_by_seed(scene, 12, **settings)
+    guided = means_by_seed(scene, 12, guiding_method="VMM", guiding_trial=False, **settings)
     error = np.sqrt((plain.var(axis=0, ddof=1) + guided.var(axis=0, ddof=1)) / len(plain))
     assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) <= SIGMAS * error).all()
     # And the test sees a bias.
-    assert (SIGMAS * error < seen_bias * plain.mean(axis=0)).all()
+    assert (SIGMAS * error < 0.02 * plain.mean(axis=0)).all()
 
 
 @pytest.mark.parametrize("density", [1e-6, 1e6])
