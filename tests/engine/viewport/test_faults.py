@@ -79,13 +79,13 @@ def test_a_process_killed_while_it_renders(process: ViewProcess) -> None:
     assert end_of(process) == "The viewport's process was ended by SIGKILL, perhaps for want of memory"
 
 
-@pytest.mark.parametrize("process", [2.0], indirect=True)
+@pytest.mark.parametrize("process", [6.0], indirect=True)
 def test_a_process_stopped_while_it_renders(process: ViewProcess) -> None:
     os.kill(rendering(process), signal.SIGSTOP)
     assert end_of(process) == "The viewport's process has not answered for 2 s"
 
 
-@pytest.mark.parametrize("process", [2.0], indirect=True)
+@pytest.mark.parametrize("process", [6.0], indirect=True)
 def test_a_process_stopped_while_it_rests_is_found_with_the_next_change(process: ViewProcess) -> None:
     assert process.process_id is not None
     os.kill(process.process_id, signal.SIGSTOP)
