@@ -3,9 +3,8 @@
 
 A first render compiles hundreds of functions, and most of that time is Python's. Kernels are plain functions of
 scalars, tuples and arrays: what numba does for closures, context managers, array expressions and overloads finds
-nothing there.
-Between passes numba looks for the variables' lifetimes; kernels' passes need these once, before lowering. The code that
-LLVM is given is the same.
+nothing there. Between passes numba looks for the variables' lifetimes; kernels' passes need these once, before
+lowering. The code that LLVM is given is the same.
 """
 
 from __future__ import annotations
