@@ -82,7 +82,7 @@ def test_a_process_killed_while_it_renders(process: ViewProcess) -> None:
 @pytest.mark.parametrize("process", [6.0], indirect=True)
 def test_a_process_stopped_while_it_renders(process: ViewProcess) -> None:
     os.kill(rendering(process), signal.SIGSTOP)
-    assert end_of(process) == "The viewport's process has not answered for 2 s"
+    assert end_of(process) == "The viewport's process has not answered for 6 s"
 
 
 @pytest.mark.parametrize("process", [6.0], indirect=True)
@@ -95,7 +95,7 @@ def test_a_process_stopped_while_it_rests_is_found_with_the_next_change(process:
     for _ in range(100):
         process.poll()
         process.send(Update(view=view(20, 10)))
-    assert end_of(process) == "The viewport's process has not answered for 2 s"
+    assert end_of(process) == "The viewport's process has not answered for 6 s"
 
 
 def limit(handle: ViewProcess, kind: int, most: int) -> None:
