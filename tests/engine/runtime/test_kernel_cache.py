@@ -22,6 +22,7 @@ from engine.runtime import kernel_cache, sources
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 from tests.helpers.small_scenes import floor_scene
+from tests.helpers.warm_cache import QUICK_MODULES, cache_without
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -357,9 +358,12 @@ for notice in result.report.notices:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
 def test_a_render_on_a_full_disk_goes_on_and_says_so(tmp_path: Path) -> None:
-    """Helpers give up at once, and this process compiles, for minutes. A folder that is none is tested by a kernel."""
-    environment = environment_with(tmp_path / "full")
+    """Helpers give up at once, and this process compiles. A folder that is none is tested by a kernel."""
+    full = cache_without(tmp_path / "full", QUICK_MODULES)
+    there = sorted(full.rglob("*.nbc"))
     command = [sys.executable, "-c", LOAD.format(limit=100)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment_with(full), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert f"Kernel cache cannot save to {tmp_path / 'full'}" in done.stdout
+    assert f"Kernel cache cannot save to {full}" in done.stdout
+    assert sorted(full.rglob("*.nbc")) == there
+    assert not list(full.glob("tracing-*.complete")), "a helper that could not save says that it has"
