@@ -34,14 +34,18 @@ slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh in
 
 # What depends on Python or on Blender is tested there: the add-on with its sessions, renders and processes, and nodes
 # beside Cycles. Training is not: see requirements-3.13.lock. Nor is Debian's Blender, which is a program of its own, nor
-# are the benchmarks, which measure on 3.11. Nor is, once more, whether kernels, scenes' arrays and the estimator are
-# right, or what is learned: kernels are those of 3.11, compiled by the same numba and LLVM. That they compile and work
-# there is seen by sessions and by Blender's renders beside Cycles, guided ones among them.
-ON_311 := $(filter-out %_cycles.py %/test_camera.py,$(wildcard tests/engine/kernels/test_*.py tests/engine/builder/test_*.py))
+# are the benchmarks, which measure on 3.11, nor the zips, which are built for both ranges there. Nor is, once more,
+# whether kernels, scenes' arrays and the estimator are right, or what is learned and tried: kernels are those of 3.11,
+# compiled by the same numba and LLVM. That they compile and work there is seen by sessions and by Blender's renders
+# beside Cycles, guided ones among them.
+ON_311 := $(filter-out %_cycles.py %/test_camera.py,$(wildcard tests/engine/kernels/test_*.py tests/engine/builder/test_*.py)) \
+	$(wildcard tests/engine/render/test_trial_*.py tests/addon/test_extension*.py) tests/addon/test_blender34.py \
+	tests/benchmarks tests/engine/guiding tests/engine/render/test_adaptive.py tests/engine/render/test_bridge.py \
+	tests/engine/render/test_thread_memory.py tests/engine/runtime/test_stage_table.py tests/engine/wavefront \
+	tests/tools/test_install_legacy.py
 test-3.13: .venv-3.13/installed ## Run the tests on Python 3.13, but for the slow ones
 	.venv-3.13/bin/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not estimator" \
-		--ignore tests/addon/test_blender34.py --ignore tests/benchmarks \
-		--ignore tests/engine/guiding --ignore tests/engine/wavefront $(addprefix --ignore ,$(ON_311))
+		$(addprefix --ignore ,$(ON_311))
 
 lint: .venv/installed ## Run the linters
 	.venv/bin/ruff check .

@@ -14,9 +14,10 @@ import pytest
 pytest.importorskip("bpy")
 
 from tests.helpers.fuzz.judge import judge
+from tests.helpers.some_cases import has_all
 
-SCENES = 200
 SCENES_OF_A_TEST = 25
+SCENES = 400 if has_all() else 75
 #: Scenes whose means differ for a reason in docs/differences.md. 50: light that Cycles sends through glass of a
 #: roughness of 0.93 by facets that there are not. 184: Vector Math's Modulo of a constant by zero.
 EXPLAINED = {50, 184}

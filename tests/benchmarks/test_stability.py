@@ -33,6 +33,7 @@ from engine.guiding.policy import sets
 from engine.methods import METHODS, SOURCES
 from engine.settings import RenderSettings
 from tests.helpers.kept_arrays import KeptArrays
+from tests.helpers.some_cases import has_all, some_of
 from tests.helpers.training import require_torch
 from tests.helpers.untrained_networks import BadNetwork, Untrained, ask
 
@@ -56,12 +57,23 @@ UNTESTED = {"albedo-100": ("SDTREE", "SDTREE_VARIANCE", *NETWORKS)}
 #: Not tested here, since they take up to minutes each: `python -m benchmarks stability 'fog-*'` has all of them.
 LONG = tuple(f"fog-{what}" for what in "door dense albedo lamp glass boundary speck shreds nested".split())
 IN_TIME = [name for name in CASES if name not in LONG]
+LONG_FOR_NETWORKS = ("long",)
 #: Media that go beyond what rounding, weights or lists of media have room for.
 BAD_MEDIA = tuple(
     f"fog-{what}" for what in "albedo thin dense forward backward nested huge boundary coplanar speck shreds".split()
 )
-#: One of the networks for every case, by turns, so that each meets one in five. The command has them all.
-SOME_NETWORKS = {name: (NETWORKS[k % len(NETWORKS)],) for k, name in enumerate(IN_TIME)}
+
+
+def by_turns(methods: Sequence[str], count: int, cases: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """So many of the methods for each case, by turns, so that each meets its share; the command has them all."""
+    total = len(methods)
+    many = total if has_all() else count
+    return {name: tuple(methods[(many * k + n) % total] for n in range(many)) for k, name in enumerate(cases)}
+
+
+SOME_NETWORKS = by_turns(NETWORKS, 1, IN_TIME)
+SOME_STATISTICAL = by_turns(STATISTICAL, 2, IN_TIME)
+HALF_OF_STATISTICAL = by_turns(STATISTICAL, 3, FAST)
 
 #: Most pictures are of nine blocks of pixels (`benchmarks.block_noise`). Of two seeds, blocks so few say little of the
 #: noise: to find the same bias by Student's t takes three times as many samples as by six seeds.
@@ -166,7 +178,7 @@ def draw_networks_at_random(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", FAST)
 def test_statistical_methods_are_unbiased_where_guiding_is_hard(name: str, references: References) -> None:
-    assert not problems(CASES[name], STATISTICAL, references(CASES[name]))
+    assert not problems(CASES[name], HALF_OF_STATISTICAL[name], references(CASES[name]))
 
 
 def wrong_in_media(name: str, methods: Sequence[str]) -> list[str]:
@@ -210,7 +222,7 @@ def test_learned_light_selection_is_unbiased(name: str, references: References) 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in IN_TIME if name not in FAST])
 def test_statistical_methods_are_unbiased_in_every_case(name: str, references: References) -> None:
-    assert not problems(CASES[name], STATISTICAL, references(CASES[name]))
+    assert not problems(CASES[name], SOME_STATISTICAL[name], references(CASES[name]))
 
 
 @pytest.mark.slow
@@ -229,7 +241,7 @@ def test_trees_forced_on_many_reflections_are_unbiased(method: str, references: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in IN_TIME if name != "long"])  # which is long for what learns
+@pytest.mark.parametrize("name", some_of((name for name in IN_TIME if name not in LONG_FOR_NETWORKS), 2))
 def test_networks_that_know_nothing_are_unbiased(
     name: str, references: References, monkeypatch: pytest.MonkeyPatch
 ) -> None:

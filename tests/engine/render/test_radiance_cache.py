@@ -66,8 +66,9 @@ def test_paths_end_and_rays_are_saved():
     assert any("radiance cache" in line for line in cached.guiding.lines)
 
 
-@pytest.mark.parametrize("method", ["OFF", "VMM", "TABLE_RIS"])
-@pytest.mark.parametrize("cache", ["FAST", "CONVERGING"])
+@pytest.mark.parametrize(
+    ("method", "cache"), [("OFF", "FAST"), ("OFF", "CONVERGING"), ("VMM", "FAST"), ("TABLE_RIS", "CONVERGING")]
+)
 def test_the_mean_is_right(method, cache, plain):
     """FAST has the right energy too: cells are means of whole paths."""
     settings = {} if method == "OFF" else {"guiding_trial": False}
