@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import pytest
 
+from tests.helpers import enough_time
 from tests.helpers.allowed_skips import is_allowed
 from tests.helpers.late_workers import wait_for_a_core
 
@@ -23,6 +24,16 @@ def pytest_configure() -> None:
     from engine.render.garbage_collection import collect_nothing_while_compiling
 
     collect_nothing_while_compiling()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Cases of which there are many alike come last."""
+    enough_time.put_last(items)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """In CI some of them are left out if it is late."""
+    enough_time.skip_if_late(item)
 
 
 def pytest_collection_finish() -> None:

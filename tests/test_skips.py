@@ -6,11 +6,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from tests.helpers.allowed_skips import is_allowed
+from tests.helpers.enough_time import REASON, VARIABLE
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -52,6 +54,32 @@ def test_in_ci_a_skip_is_a_failure_but_for_another_blender(tmp_path: Path, sourc
     (tmp_path / "test_some.py").write_text(source)
     assert outcome(tmp_path).startswith(here)
     assert outcome(tmp_path, CI="true").startswith(in_ci)
+
+
+OF_MANY = """
+import pytest
+
+@pytest.mark.one_of_many
+@pytest.mark.parametrize("number", range(3))
+def test_like_others(number): ...
+
+def test_of_its_own():
+    print("first")
+"""
+
+
+def test_when_time_is_nearly_over_ci_leaves_out_some_of_many_like_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    (tmp_path / "test_some.py").write_text(OF_MANY)
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = one_of_many: like others")
+    now = time.time()
+    assert outcome(tmp_path, CI="true").startswith("4 passed")
+    assert outcome(tmp_path, CI="true", **{VARIABLE: str(now + 600.0)}).startswith("4 passed")
+    assert outcome(tmp_path, CI="true", **{VARIABLE: str(now - 1.0)}).startswith("1 passed, 3 skipped")
+    # Nobody else may give that reason.
+    assert not is_allowed(REASON)
 
 
 @pytest.mark.parametrize("reason", ["Skipped: Blender 5.2 has it", "this Blender brings no module for OpenVDB"])

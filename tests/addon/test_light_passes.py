@@ -74,6 +74,7 @@ def test_the_sum_of_passes_is_the_picture(name: str, tmp_path: Path, blender: An
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize(
     "name",
     some_of(
@@ -129,6 +130,7 @@ def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", [*MANY, *ALWAYS])
 def test_passes_are_those_of_cycles_in_many_scenes(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)

@@ -116,6 +116,7 @@ def test_same_picture_as_cycles_at_blender_defaults(name: str, tmp_path: Path) -
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", some_of(COMPARABLE, 2))
 def test_same_picture_as_cycles_in_many_scenes(name: str, tmp_path: Path) -> None:
     """By two seeds of ours, and by four where two do not say enough and four will."""
@@ -129,6 +130,7 @@ def test_same_picture_as_cycles_in_many_scenes(name: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", some_of(COMPARABLE, 3))
 def test_same_picture_as_cycles_at_blender_defaults_in_many_scenes(name: str, tmp_path: Path) -> None:
     ours = means(AT_DEFAULTS, name, "AUTO", 2, tmp_path)

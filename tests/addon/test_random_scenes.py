@@ -24,6 +24,7 @@ EXPLAINED = {50, 184}
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("first", range(0, SCENES, SCENES_OF_A_TEST))
 def test_random_scenes(first: int, blender: Any, tmp_path: Path) -> None:
     verdicts = [

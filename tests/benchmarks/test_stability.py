@@ -205,6 +205,7 @@ def test_bad_media_are_guided_without_a_loss(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", BAD_MEDIA)
 def test_bad_media_are_guided_without_a_loss_by_trees_and_networks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     draw_networks_at_random(monkeypatch)
@@ -220,6 +221,7 @@ def test_learned_light_selection_is_unbiased(name: str, references: References) 
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", [name for name in IN_TIME if name not in FAST])
 def test_statistical_methods_are_unbiased_in_every_case(name: str, references: References) -> None:
     assert not problems(CASES[name], SOME_STATISTICAL[name], references(CASES[name]))
@@ -241,6 +243,7 @@ def test_trees_forced_on_many_reflections_are_unbiased(method: str, references: 
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", some_of((name for name in IN_TIME if name not in LONG_FOR_NETWORKS), 2))
 def test_networks_that_know_nothing_are_unbiased(
     name: str, references: References, monkeypatch: pytest.MonkeyPatch

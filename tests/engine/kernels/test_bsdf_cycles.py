@@ -360,6 +360,7 @@ def tolerance(case: Case) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_albedo_agrees_with_cycles(case: Case, cycles: np.ndarray) -> None:
     # Cycles' own noise is below 0.1% (64 pixels of 512 samples, weights close to 1), ours is smaller.
