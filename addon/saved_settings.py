@@ -4,9 +4,9 @@
 Settings for experiments lay among the others once; they are moved to `scene.neuralguide.experiment`, with their
 animation. What is there no more stays in the file and does nothing.
 
-Scenes saved before they could follow Cycles' settings go on with their own. Such a scene has settings of ours, but says
-nothing of `use_cycles_settings`. A file saved now says it wherever it has settings of ours, so that the two can be told
-apart.
+Scenes saved before they could follow Cycles' settings go on with their own, and those saved while every picture was
+unbiased stay so. Such a scene has settings of ours, but says nothing of `use_cycles_settings`, or of `radiance_cache`. A
+file saved now says both wherever it has settings of ours, so that old ones can be told.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ import bpy
 
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, setting_owner
 
+#: Settings whose default is another now, and what it was. Files say them wherever they have settings of ours.
+_SAID = {"use_cycles_settings": False, "radiance_cache": "OFF"}
 #: Defaults of scenes from before they could follow Cycles, which are others now.
 _FORMER_DEFAULTS = {"samples": 128, "clamp_indirect": 0.0, "use_denoising": False, "use_adaptive_sampling": False}
 
@@ -77,21 +79,24 @@ def _move_animation() -> None:
             curve.data_path = moved[curve.data_path]
 
 
-def _is_undecided(scene: bpy.types.Scene) -> bool:
-    """Whether a scene has settings of ours without saying whether it follows Cycles."""
+def _unsaid(scene: bpy.types.Scene) -> list[str]:
+    """What a scene that has settings of ours does not say of those whose default is another now."""
     stored = _stored(scene)
-    if stored is None or "use_cycles_settings" in stored:
-        return False
     # By what is stored, since a setting that is there no more tells as much.
-    return len(stored.get(EXPERIMENT, ())) > 0 or any(name not in (EXPERIMENT, "name") for name in stored.keys())
+    if stored is None or not (
+        len(stored.get(EXPERIMENT, ())) > 0 or any(name not in (EXPERIMENT, "name") for name in stored.keys())
+    ):
+        return []
+    return [name for name in _SAID if name not in stored]
 
 
 def _keep_pictures(scenes: Iterable[bpy.types.Scene]) -> None:
-    """Have scenes from before go on with settings of their own."""
+    """Have scenes from before go on with what they had."""
     for scene in scenes:
-        if _is_undecided(scene):
-            ours = scene.neuralguide
-            ours.use_cycles_settings = False
+        ours, unsaid = scene.neuralguide, _unsaid(scene)
+        for name in unsaid:
+            setattr(ours, name, _SAID[name])
+        if "use_cycles_settings" in unsaid:
             for name, value in _FORMER_DEFAULTS.items():
                 if not ours.is_property_set(name):
                     setattr(ours, name, value)
@@ -116,10 +121,10 @@ def _after_importing(context: Any, *_args: Any) -> None:
 
 @bpy.app.handlers.persistent
 def _mark(*_args: Any) -> None:
-    """Say of every scene with settings of ours whether it follows Cycles."""
+    """Have every scene with settings of ours say those whose default is another now."""
     for scene in bpy.data.scenes:
-        if _is_undecided(scene):
-            scene.neuralguide.use_cycles_settings = True
+        for name in _unsaid(scene):
+            setattr(scene.neuralguide, name, getattr(scene.neuralguide, name))
 
 
 def _handlers() -> list[tuple[list[Any], Any]]:

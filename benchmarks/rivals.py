@@ -32,6 +32,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "OFF-FAST": {"guiding_method": "OFF", "radiance_cache": "FAST"},
     "OFF-CONVERGING": {"guiding_method": "OFF", "radiance_cache": "CONVERGING"},
     "AUTO-FAST": {"guiding_method": "AUTO", "radiance_cache": "FAST"},
+    # What scenes have without a setting of their own.
+    "AUTO-AUTO": {"guiding_method": "AUTO", "radiance_cache": "AUTO"},
     "AUTO-CONVERGING": {"guiding_method": "AUTO", "radiance_cache": "CONVERGING"},
     "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},

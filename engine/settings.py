@@ -195,7 +195,7 @@ class RenderSettings:
     radiance_cache: str = _declare(
         "OFF", "Accuracy",
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
-        "Guiding",
+        "Guiding", scene_default="AUTO",
         choices=tuple(Choice(*facts) for facts in ACCURACIES),
     )
     spectral: str = _declare(

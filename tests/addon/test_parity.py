@@ -8,8 +8,8 @@ sampler's grid are tabulated differently) by more than 4.5 standard errors from 
 documented difference (`BuiltinScene.note`) get its measured size as their allowance.
 
 Scenes are rendered without clamps and denoising, where Cycles and we have the same mean by right; and as Blender's
-users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guided by
-`AUTO`. CI compares every second scene the one way and every third the other, and with NEURALGUIDE_ALL_CASES all are
+users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guidance and
+accuracy as scenes have them without a setting. CI compares every second scene the one way and every third the other, and with NEURALGUIDE_ALL_CASES all are
 compared both ways. What Cycles gives for each is recorded (tests/helpers/parity); few scenes are rendered by it every
 time.
 """
@@ -111,7 +111,7 @@ def test_same_picture_as_cycles(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["glass-rough", "textured"])
 def test_same_picture_as_cycles_at_blender_defaults(name: str, tmp_path: Path) -> None:
-    ours, theirs = (means(AFRESH_AT_DEFAULTS, name, renderer, 3, tmp_path) for renderer in ("AUTO", "cycles"))
+    ours, theirs = (means(AFRESH_AT_DEFAULTS, name, renderer, 3, tmp_path) for renderer in ("AUTO-AUTO", "cycles"))
     assert_same_denoised(name, ours, theirs)
 
 
@@ -133,7 +133,7 @@ def test_same_picture_as_cycles_in_many_scenes(name: str, tmp_path: Path) -> Non
 @pytest.mark.one_of_many
 @pytest.mark.parametrize("name", some_of(COMPARABLE, 3))
 def test_same_picture_as_cycles_at_blender_defaults_in_many_scenes(name: str, tmp_path: Path) -> None:
-    ours = means(AT_DEFAULTS, name, "AUTO", 2, tmp_path)
+    ours = means(AT_DEFAULTS, name, "AUTO-AUTO", 2, tmp_path)
     assert_same_denoised(name, ours, cycles_means(AT_DEFAULTS, name, tmp_path))
 
 
@@ -141,14 +141,14 @@ def test_same_picture_as_cycles_at_blender_defaults_in_many_scenes(name: str, tm
 @pytest.mark.parametrize("name", CLAMPED)
 def test_the_clamp_takes_what_it_takes_in_cycles(name: str, tmp_path: Path) -> None:
     theirs = cycles_means(CLAMPED_ROOMS, name, tmp_path)
-    for renderer in ("OFF", "AUTO"):
+    for renderer in ("OFF", "AUTO-AUTO"):
         assert_same(name, means(CLAMPED_ROOMS, name, renderer, 3, tmp_path), theirs)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_same_picture_as_cycles_where_the_noise_threshold_stops_pixels(name: str, tmp_path: Path) -> None:
-    ours = means(STOPPED, name, "AUTO", 2, tmp_path)
+    ours = means(STOPPED, name, "AUTO-AUTO", 2, tmp_path)
     assert_same_denoised(name, ours, cycles_means(STOPPED, name, tmp_path))
 
 

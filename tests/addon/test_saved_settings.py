@@ -143,6 +143,28 @@ def test_a_file_from_before_keeps_its_picture(name: str, blender: Any, tmp_path:
     assert settings_of(reopen(blender, tmp_path / "new.blend")) == settings
 
 
+def test_a_file_that_said_nothing_of_accuracy_stays_unbiased(blender: Any, tmp_path: Path) -> None:
+    """It follows Cycles, has settings of ours, and was saved when all pictures were unbiased."""
+    scene = blender.context.scene
+    assert settings_of(scene).radiance_cache == "AUTO"
+    scene.neuralguide.samples, scene.neuralguide.use_cycles_settings = 7, True
+    save_as_before(blender, tmp_path / "old.blend")
+    scene = reopen(blender, tmp_path / "old.blend")
+    assert scene.neuralguide.use_cycles_settings and settings_of(scene).radiance_cache == "OFF"
+    blender.ops.wm.save_as_mainfile(filepath=str(tmp_path / "new.blend"))
+    assert settings_of(reopen(blender, tmp_path / "new.blend")).radiance_cache == "OFF"
+
+
+@pytest.mark.parametrize("name", ["AUTO", "OFF", "CONVERGING"])
+def test_a_file_of_today_has_the_accuracy_that_it_was_saved_with(name: str, blender: Any, tmp_path: Path) -> None:
+    scene = blender.context.scene
+    scene.neuralguide.samples = 7
+    if name != "AUTO":
+        scene.neuralguide.radiance_cache = name
+    blender.ops.wm.save_as_mainfile(filepath=str(tmp_path / "new.blend"))
+    assert settings_of(reopen(blender, tmp_path / "new.blend")).radiance_cache == name
+
+
 def test_a_file_without_settings_of_ours_follows_cycles(blender: Any, tmp_path: Path) -> None:
     scene = blender.context.scene
     scene.render.engine = "NEURALGUIDE"
