@@ -17,7 +17,8 @@ from tests.helpers.fake_engine import FakeEngine
 
 #: Programs say what they want; a user of Blender gets what pays, and else what Cycles does by default.
 DEFAULTS = RenderSettings(
-    guiding_method="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True, use_denoising=True
+    guiding_method="AUTO", radiance_cache="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True,
+    use_denoising=True,
 )
 
 #: Name of ours: owner below the scene, name there, a value that is not the default.
