@@ -34,7 +34,7 @@ from engine.settings import RenderSettings
 
 UNGUIDED = "OFF"
 #: Methods without a radiance cache and with one.
-NAMES = [*METHODS, *(f"{method}-{cache}" for method in METHODS for cache in ("CONVERGING", "FAST"))]
+NAMES = [*METHODS, *(f"{method}-{cache}" for method in METHODS for cache in ("AUTO", "CONVERGING", "FAST"))]
 #: Seeds of the reference, apart from those compared, and its samples over theirs.
 REFERENCE_SEED, REFERENCE_COUNT, REFERENCE_FACTOR = 1001, 4, 4
 #: Steps of training between iterations; the engine's own number is for pictures with more to learn from.
@@ -216,7 +216,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--methods", nargs="+", default=[name for name in METHODS if name != UNGUIDED],
         choices=NAMES, metavar="METHOD",
-        help="beside OFF; METHOD-CONVERGING and METHOD-FAST with the radiance cache (default: all without)",
+        help="beside OFF; METHOD-AUTO, -CONVERGING and -FAST with the radiance cache (default: all without)",
     )  # fmt: skip
     parser.add_argument("--seeds", type=int, default=0, help="renders per method, 2 or more (default: the case's)")
     parser.add_argument("--samples", type=int, default=0, help="per pixel (default: the case's)")

@@ -192,7 +192,7 @@ class Film:
         shape = (self.height, self.width)
         whole = with_relative_residual(
             denoised.reshape(-1, 3), self.sums.residual * scale, self.sums.residual_square * scale[:, 0] ** 2,
-            self.sums.ended * scale[:, 0], shape
+            self.sums.ended * scale[:, 0], shape, cached_noise(self.sums, shape),
         )
         return whole.astype(np.float32).reshape(*shape, 3)
 

@@ -5,7 +5,10 @@ What is known of a band is kept as far as it is sure, and no pixel becomes less 
 a band that a few of them make sure is kept, one that lacks them is not; and what is cut at black is never taken from
 elsewhere. So the picture would be too bright on average, or too dark where little is sure. But of its mean over all
 pixels measuring paths know as much as anybody: its noise is that of a pixel, divided by how many there are. That is why
-it is kept whole, from the first sample on, and cells' light is made brighter or darker everywhere by the same share
+it is kept whole, from the first sample on, and cells' light is made brighter or darker everywhere by the same share.
+
+Where a single path brings as much light as all others, the mean is as noisy as that path, and the whole picture would be
+as bright as it says. Such a mean is kept as far as it is sure, or its noise is not seen beside that of the pixels
 (docs/decisions/radiance-cache.md).
 """
 
@@ -16,6 +19,34 @@ import math
 import numpy as np
 
 _TINY = 1e-30
+#: Squared standard errors that a change of the mean is taken to be less than it seems. Of one path it seems to be one.
+_DOUBT = 4.0
+
+
+def sure_mean(image: np.ndarray, mean: np.ndarray, noise: float, free_noise: float) -> np.ndarray:
+    """The mean that the image is to have: the one that was measured, as far as that may be believed.
+
+    Parameters
+    ----------
+    image : float (P, 3)
+    mean : float (3,)
+        As measured.
+    noise : float
+        Variance of that, mean over channels.
+    free_noise : float
+        Variance that the mean may have whatever it says, over its square: little beside the noise of the pixels.
+
+    Returns
+    -------
+    float (3,)
+        With ever more samples the noise goes, and it is the measured one.
+    """
+    now = image.mean(axis=0, dtype=np.float64)
+    change = mean - now
+    sure = max(float(np.square(change).mean()) - _DOUBT * noise, 0.0)
+    free = free_noise * float(np.square(now).mean())
+    kept = 1.0 if noise <= 0.0 else max(sure / (sure + noise), min(free / noise, 1.0))
+    return np.asarray(now + kept * change)
 
 
 def _spread(

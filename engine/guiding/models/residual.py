@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.guiding.models.kept_mean import with_mean
+from engine.guiding.models.kept_mean import sure_mean, with_mean
 from engine.ris.orca import pixel_weights, sample_variance
 from engine.state.film import FilmTile
 
@@ -28,6 +28,8 @@ _DOUBT = 2.0
 #: Noise that a band may always bring, as a share of that of the cached image. Wider bands bring a quarter each of the
 #: next finer ones' noise: in all it is a third more at most.
 _FREE_NOISE = 0.1
+#: The same of the mean of a denoised picture, which has a tenth of the noise or less.
+_FREE_NOISE_DENOISED = 0.01
 #: Percentage of the pixels whose noise is cut to the next smaller one's.
 _CUT_PERCENT = 0.1
 #: What is added to the image that differences are relative to, as a share of its mean.
@@ -202,10 +204,15 @@ def known_residual(
     return known.reshape(-1, 3).astype(np.float32)
 
 
-def _mean_of(image: np.ndarray, sums: np.ndarray) -> np.ndarray:
-    """Mean over pixels of an image with all that it lacks, float (3,)."""
+def _with_mean_of(
+    whole: np.ndarray, cached: np.ndarray, sums: np.ndarray, variance: np.ndarray, cells_light: np.ndarray,
+    free_noise: float,
+) -> np.ndarray:
+    """`whole` with the mean over pixels of the cached image with all that it lacks, as far as that is sure."""
     lacks = sums.mean(axis=0, dtype=np.float64)
-    return np.asarray(image.mean(axis=0, dtype=np.float64) + lacks[:3] + lacks[3:])
+    mean = cached.mean(axis=0, dtype=np.float64) + lacks[:3] + lacks[3:]
+    noise = float(variance.mean(dtype=np.float64)) / len(variance)
+    return with_mean(whole, sure_mean(whole, mean, noise, free_noise), cells_light)
 
 
 def _smooth(ended: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -214,7 +221,8 @@ def _smooth(ended: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def with_relative_residual(
-    denoised: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int]
+    denoised: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int],
+    own: OwnNoise,
 ) -> np.ndarray:
     """The denoised cached image with what is known of what it lacks: float32 (P, 3), nowhere negative.
 
@@ -228,12 +236,15 @@ def with_relative_residual(
     ended : float32 (P,)
         Light that paths ended with, mean over channels (`FilmTile.ended`, over the weight of all samples).
     sums, variance, shape : see `known_residual`
+    own : OwnNoise
+        Of the cached image before it was denoised.
     """
     scale = np.maximum(denoised + _LEAST_SHARE * denoised.mean(), np.float32(1e-12))
     relative = sums / np.concatenate((scale, scale), axis=1)
     known = known_residual(relative, variance / (scale * scale).mean(axis=1), shape)
     whole = np.maximum(denoised + known * scale, np.float32(0.0))
-    return with_mean(whole, _mean_of(denoised, sums), _smooth(ended, shape))
+    free_noise = _FREE_NOISE_DENOISED * float(own.weighted.mean())
+    return _with_mean_of(whole, denoised, sums, variance, _smooth(ended, shape), free_noise)
 
 
 def with_residual(
@@ -242,7 +253,8 @@ def with_residual(
 ) -> np.ndarray:
     """The cached image with what is known of what it lacks: float32 (P, 3).
 
-    Its mean is that of the cached image with all that measuring paths found (`engine.guiding.models.kept_mean`).
+    Its mean is that of the cached image with all that measuring paths found, as far as single paths do not decide it
+    (`engine.guiding.models.kept_mean`).
 
     It is nowhere negative: the true image is not either, so this can only bring the error down. Where the cached image
     shows light below zero, as of a lamp of negative strength, the true image has such light too, and nothing is cut:
@@ -257,7 +269,8 @@ def with_residual(
     whole = cached + known_residual(sums, variance, shape, own)
     if not (cached < 0.0).any():
         whole = np.maximum(whole, np.float32(0.0))
-    return with_mean(whole, _mean_of(cached, sums), _smooth(ended, shape))
+    free_noise = _FREE_NOISE * float(own.weighted.mean())
+    return _with_mean_of(whole, cached, sums, variance, _smooth(ended, shape), free_noise)
 
 
 class ResidualNoise(NamedTuple):

@@ -136,8 +136,10 @@ class _Guided:
         self.has_cache = settings.radiance_cache != "OFF"
         #: Whether a sample weighs by whether it is guided, not by the samples seen before.
         self.weighs_arms = settings.guiding_trial and settings.sample_weighting != "UNIFORM" and start is None
-        # Samples outside the trial have to count as much as those that are guided, and nobody may ask for all records.
-        is_apart = self.weighs_arms and model is None and request.sink is None and not self.has_cache
+        # Samples outside the trial have to count as much as those that are guided, and nobody may ask for all records:
+        # cells need them early. In media guiding loses more than they would gain.
+        needs_records = request.sink is not None or (self.has_cache and not context.has_media)
+        is_apart = self.weighs_arms and model is None and not needs_records
         self.trial_share = context.trial_share if is_apart else 1.0
         self.cautious = CautiousTrial(context.rules) if context.has_media and is_apart else None
         self.remaining = self._remaining()

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from engine.guiding.models.kept_mean import with_mean
+from engine.guiding.models.kept_mean import sure_mean, with_mean
 from engine.guiding.models.residual import OwnNoise, with_relative_residual, with_residual
 
 SHAPE = (27, 48)
@@ -26,7 +26,7 @@ def skewed(seed):
 NOISE = OwnNoise(np.ones(PIXELS, np.float32), np.ones(PIXELS, np.float32))
 
 
-@pytest.mark.parametrize("mended", [partial(with_residual, own=NOISE), with_relative_residual])
+@pytest.mark.parametrize("mended", [partial(with_residual, own=NOISE), partial(with_relative_residual, own=NOISE)])
 def test_nothing_is_lost_or_won_on_average(mended):
     for seed in range(3):
         cached, sums, variance, ended = skewed(seed)
@@ -34,6 +34,29 @@ def test_nothing_is_lost_or_won_on_average(mended):
         expected = cached.mean(axis=0) + sums[:, :3].mean(axis=0) + sums[:, 3:].mean(axis=0)
         np.testing.assert_allclose(whole.mean(axis=0), expected, rtol=1e-5)
         assert whole.min() >= 0.0
+
+
+@pytest.mark.parametrize("mended", [with_residual, with_relative_residual])
+def test_a_single_bright_path_does_not_light_the_whole_picture(mended):
+    """As one through water to a small sun, which a measuring path finds and no other: a scene came out twice as bright."""
+    cached = np.full((PIXELS, 3), 0.5, np.float32)
+    sums, variance = np.zeros((PIXELS, 6), np.float32), np.zeros(PIXELS, np.float32)
+    sums[100, :3] = 0.5 * PIXELS
+    variance[100] = sums[100, 0] ** 2
+    own = OwnNoise(np.full(PIXELS, 0.02, np.float32), np.ones(PIXELS, np.float32))
+    whole = mended(cached, sums, variance, cached.mean(axis=1), SHAPE, own)
+    others = np.delete(whole, 100, axis=0)
+    assert np.mean((others / 0.5 - 1.0) ** 2) < 0.1 * 0.02
+
+
+def test_a_mean_is_believed_once_it_is_sure():
+    image = np.full((10, 3), 0.5)
+    measured = np.full(3, 1.0)
+    for noise, low, high in ((0.25, 0.0, 0.0), (0.25 / 25.0, 0.8, 1.0), (0.25 / 1e4, 0.999, 1.0), (0.0, 1.0, 1.0)):
+        kept = (sure_mean(image, measured, noise, 0.0) - 0.5) / 0.5
+        assert low <= kept.min() <= kept.max() <= high + 1e-12
+    # Noise that nobody sees is no reason to doubt.
+    np.testing.assert_allclose(sure_mean(image, measured, 0.25, 1.0), measured)
 
 
 def test_light_that_is_no_cells_stays():
