@@ -5,8 +5,8 @@ Settings for experiments lay among the others once; they are moved to `scene.neu
 animation. What is there no more stays in the file and does nothing.
 
 Scenes saved before they could follow Cycles' settings go on with their own, and those saved while every picture was
-unbiased stay so. Such a scene has settings of ours, but says nothing of `use_cycles_settings`, or of `radiance_cache`. A
-file saved now says both wherever it has settings of ours, so that old ones can be told.
+unbiased stay so. Such a scene has settings of ours, but says nothing of `use_cycles_settings`, or of `radiance_cache`.
+A file saved now says both wherever it has settings of ours, so that old ones can be told.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@ documented difference (`BuiltinScene.note`) get its measured size as their allow
 
 Scenes are rendered without clamps and denoising, where Cycles and we have the same mean by right; and as Blender's
 users render: clamp, noise threshold, Filter Glossy, Light Threshold and denoising as Blender has them, guidance and
-accuracy as scenes have them without a setting. CI compares every second scene the one way and every third the other, and with NEURALGUIDE_ALL_CASES all are
-compared both ways. What Cycles gives for each is recorded (tests/helpers/parity); few scenes are rendered by it every
-time.
+accuracy as scenes have them without a setting. CI compares every second scene the one way and every third the other,
+and with NEURALGUIDE_ALL_CASES all are compared both ways. What Cycles gives for each is recorded
+(tests/helpers/parity); few scenes are rendered by it every time.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ elsewhere. So the picture would be too bright on average, or too dark where litt
 pixels measuring paths know as much as anybody: its noise is that of a pixel, divided by how many there are. That is why
 it is kept whole, from the first sample on, and cells' light is made brighter or darker everywhere by the same share.
 
-Where a single path brings as much light as all others, the mean is as noisy as that path, and the whole picture would be
-as bright as it says. Such a mean is kept as far as it is sure, or its noise is not seen beside that of the pixels
+Where a single path brings as much light as all others, the mean is as noisy as that path, and the whole picture would
+be as bright as it says. Such a mean is kept as far as it is sure, or its noise is not seen beside that of the pixels
 (docs/decisions/radiance-cache.md).
 """
 

@@ -38,7 +38,7 @@ def test_nothing_is_lost_or_won_on_average(mended):
 
 @pytest.mark.parametrize("mended", [with_residual, with_relative_residual])
 def test_a_single_bright_path_does_not_light_the_whole_picture(mended):
-    """As one through water to a small sun, which a measuring path finds and no other: a scene came out twice as bright."""
+    """As one through water to a small sun, which no other path finds: a scene came out twice as bright."""
     cached = np.full((PIXELS, 3), 0.5, np.float32)
     sums, variance = np.zeros((PIXELS, 6), np.float32), np.zeros(PIXELS, np.float32)
     sums[100, :3] = 0.5 * PIXELS
