@@ -86,7 +86,7 @@ class Arm(NamedTuple):
     learned : dict, fields of `GuidanceView` but for the thread's own
     radiance : RadianceView, without the model
     view : SceneView, with the lights that were chosen when it was made
-    learns_lights : bool, whether which lights are sampled is learned
+    header : int64 (UNIT_HEADER_WIDTH,), what its units have in common of `UnitView.header`
     model : CandidateModel or None, what weighs candidates if neither a table nor the mixture does
     """
 
@@ -94,7 +94,7 @@ class Arm(NamedTuple):
     learned: dict[str, Any]
     radiance: RadianceView
     view: SceneView
-    learns_lights: bool
+    header: np.ndarray
     model: CandidateModel | None = None
 
 
@@ -153,6 +153,52 @@ class Statistics:
             self.several_candidate_count - before.several_candidate_count,
             self.record_drop_count - before.record_drop_count,
             self.rays["closest"] - before.rays["closest"],
+        )
+
+
+class _Counted:
+    """What units of one thread have counted, in arrays: a counter by name for each would take as long as short units.
+
+    Attributes
+    ----------
+    ticks : int64, by entry of the clock
+    counts : int64 (COUNT_WIDTH,), as `Work.counts`
+    seconds : float, that the clock's ticks took together
+    path_count : int
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self.ticks = np.zeros(len(CLOCK), np.int64)
+        self.counts = np.zeros(COUNT_WIDTH, np.int64)
+        self.path_count = 0
+
+    def statistics(self) -> Statistics:
+        """By name."""
+        counts, ticks = self.counts.tolist(), self.ticks.tolist()
+        per_tick = self.seconds / max(sum(ticks), 1)
+        return Statistics(
+            stage_seconds=Counter(
+                {name: per_tick * of_entry for name, of_entry in zip(CLOCK._fields, ticks, strict=True) if of_entry}
+            ),
+            rays=Counter(
+                closest=counts[CLOSEST_RAYS],
+                shadow=counts[SHADOW_RAYS],
+                transparent_shadow=counts[TRANSPARENT_SHADOW_RAYS],
+            ),
+            path_count=self.path_count,
+            reject_count=counts[REJECTS],
+            record_reject_count=counts[RECORD_REJECTS],
+            record_drop_count=counts[RECORDS_DROPPED],
+            medium_drop_count=counts[MEDIA_DROPPED],
+            majorant_excess_count=counts[MAJORANTS_EXCEEDED],
+            medium_reject_count=counts[MEDIUM_REJECTS],
+            tracking_end_count=counts[TRACKING_ENDED],
+            guided_count=counts[GUIDED_VERTICES],
+            several_count=counts[RESAMPLED_VERTICES],
+            candidate_count=counts[CANDIDATES],
+            several_candidate_count=counts[RESAMPLED_CANDIDATES],
+            cached_counts=Counter({depth + 1: counts[CACHED_PATHS + depth] for depth in range(CACHED_DEPTHS)}),
         )
 
 
@@ -230,9 +276,12 @@ class Batch:
         self._guide_none()
         self._guide = allocate_guide_of(settings, lanes if is_guided else 1)
         self.film: FilmTile = allocate_tile(pixel_count, RGB, layout)
+        self._film_arrays = [array for array in self.film if array.size]
+        #: Lanes from the last down to the first.
+        self._lanes = np.arange(lanes - 1, -1, -1, dtype=np.int32)
         self.no_weight = np.zeros(pixel_count, np.float32)
         #: Of all arms but BRIDGE, whose units may be traced while the others' counts are read; and of this one.
-        self.statistics, self.bridge_statistics = Statistics(), Statistics()
+        self._counted, self._bridge_counted = _Counted(), _Counted()
         #: Of the last unit: time [s], rays, guided vertices, and candidates of vertices with several.
         self.unit_costs = UnitCosts()
         self._arm: Arm | None = None
@@ -256,7 +305,7 @@ class Batch:
         self.work.media.collision_share[:] = 1.0
         self._guide = with_field(self._guide, None)
         self._arm = self.guidance = self._model = None
-        self.statistics, self.bridge_statistics, self.unit_costs = Statistics(), Statistics(), UnitCosts()
+        self._counted, self._bridge_counted, self.unit_costs = _Counted(), _Counted(), UnitCosts()
 
     def _node_rays(self, scene: SceneView) -> NodeRays:
         """What rays of nodes in materials need."""
@@ -305,11 +354,11 @@ class Batch:
     def begin(self, lane_count: int = LANE_COUNT) -> None:
         """So many lanes free, nothing counted, the film black."""
         work = self.work
-        for array in self.film:
+        for array in self._film_arrays:
             array.fill(0)
         for count in self._queue_counts:
             count[0] = 0
-        work.free.lanes[:lane_count] = np.arange(lane_count - 1, -1, -1, dtype=np.int32)
+        work.free.lanes[:lane_count] = self._lanes[len(self._lanes) - lane_count :]
         work.free.count[0] = lane_count
         work.counts[:] = 0
         work.clock[:] = 0
@@ -333,34 +382,26 @@ class Batch:
         work.samples.guide_pdf[:] = 0.0
         work.samples.bsdf_share[:] = work.samples.weight[:] = 1.0
 
+    @property
+    def statistics(self) -> Statistics:
+        """What units of all arms but BRIDGE have counted."""
+        return self._counted.statistics()
+
+    @property
+    def bridge_statistics(self) -> Statistics:
+        """What units of the arm BRIDGE have counted."""
+        return self._bridge_counted.statistics()
+
     def count(self, unit: Unit, seconds: float, cost: float, *, is_finished: bool) -> None:
         """Add what a unit counted to the statistics; it took so many seconds, of which `cost` is compared."""
-        statistics = self.bridge_statistics if unit.arm == BRIDGE else self.statistics
-        counts, clock = self.work.counts.tolist(), self.work.clock[:-1]
-        per_tick = seconds / max(int(clock.sum()), 1)
+        counted = self._bridge_counted if unit.arm == BRIDGE else self._counted
+        work = self.work
+        counts = work.counts.tolist()
         self.unit_costs = UnitCosts(
-            cost,
-            counts[CLOSEST_RAYS] + counts[SHADOW_RAYS],
-            counts[GUIDED_VERTICES],
-            counts[RESAMPLED_CANDIDATES],
+            cost, counts[CLOSEST_RAYS] + counts[SHADOW_RAYS], counts[GUIDED_VERTICES], counts[RESAMPLED_CANDIDATES]
         )
-        for entry, ticks in zip(CLOCK._fields, clock.tolist(), strict=True):
-            if ticks:
-                statistics.stage_seconds[entry] += ticks * per_tick
-        statistics.rays["closest"] += counts[CLOSEST_RAYS]
-        statistics.rays["shadow"] += counts[SHADOW_RAYS]
-        statistics.rays["transparent_shadow"] += counts[TRANSPARENT_SHADOW_RAYS]
-        statistics.path_count += unit.path_count if is_finished else 0
-        statistics.reject_count += counts[REJECTS]
-        statistics.record_reject_count += counts[RECORD_REJECTS]
-        statistics.record_drop_count += counts[RECORDS_DROPPED]
-        statistics.medium_drop_count += counts[MEDIA_DROPPED]
-        statistics.majorant_excess_count += counts[MAJORANTS_EXCEEDED]
-        statistics.medium_reject_count += counts[MEDIUM_REJECTS]
-        statistics.tracking_end_count += counts[TRACKING_ENDED]
-        statistics.guided_count += counts[GUIDED_VERTICES]
-        statistics.several_count += counts[RESAMPLED_VERTICES]
-        statistics.candidate_count += counts[CANDIDATES]
-        statistics.several_candidate_count += counts[RESAMPLED_CANDIDATES]
-        for depth in range(CACHED_DEPTHS):
-            statistics.cached_counts[depth + 1] += counts[CACHED_PATHS + depth]
+        counted.seconds += seconds
+        counted.ticks += work.clock[:-1]
+        counted.counts += work.counts
+        if is_finished:
+            counted.path_count += unit.path_count

@@ -9,7 +9,7 @@ still in flight of a cancelled unit would favour short paths.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -28,6 +28,7 @@ from engine.render.light_passes import (
     light_part_count,
 )
 from engine.render.shadow_catchers import CATCHER_PASS, caught_share, with_shadows
+from engine.runtime.jit import BoundKernel, Kernel
 from engine.scene.passes import PassSettings
 from engine.settings import RenderSettings
 from engine.state.columns import columns_of, rows_of
@@ -142,21 +143,32 @@ class Film:
         self._merged = {
             merge: [name for name in declared if name in has_rows and declared[name].merge == merge] for merge in Merge
         }
-        self._add_sums = sums_adder(type(self.sums))
+        self._adder = sums_adder(type(self.sums))
+        #: The same for rows of one type, since numba would look at all arguments' types for each unit.
+        self._bound_adder: tuple[object, Callable[..., None]] | None = None
 
     def merge(self, pixels: np.ndarray, tile: FilmTile, weight: float = 1.0) -> None:
         """Add a finished unit's sums; `pixels` are its pixels' indices. Units of one pixel come in sample order.
 
         `weight` of each of its samples must not depend on any sample.
         """
-        sums, factor = self.sums, np.float32(weight)
+        factor = np.float32(weight)
         pixels = np.ascontiguousarray(pixels, np.int64)
         self._keep_first(pixels, tile)
-        self._add_sums(sums, pixels, tile, factor)
+        self._add_sums(pixels, tile, factor)
         for name in self._merged[Merge.MATTES]:
             self._merge_mattes(
                 name, pixels, getattr(tile, name), np.arange(len(pixels)), np.full(len(pixels), factor)
             )
+
+    def _add_sums(self, pixels: np.ndarray, tile: FilmTile, factor: np.float32) -> None:
+        """Add all that is a sum."""
+        adder = self._adder
+        if isinstance(adder, Kernel):
+            if self._bound_adder is None or self._bound_adder[0] is not tile._numba_type_:
+                self._bound_adder = tile._numba_type_, BoundKernel(adder)
+            adder = self._bound_adder[1]
+        adder(self.sums, pixels, tile, factor)
 
     def _keep_first(self, pixels: np.ndarray, tile: FilmTile) -> None:
         """What a unit says of the first sample, for pixels that have none yet; call it before `count` is merged."""

@@ -27,6 +27,8 @@ LARGEST_TASK_SAMPLES = 64
 #: many samples as each other. It costs nothing that was seen (256 x 192 pixels, 192 samples: 8.97 s of processor time;
 #: 9.04 s where tasks grew fourfold; 10.18 s where all had two samples).
 _TASKS_SO_FAR = 8
+#: But an unguided render's later tasks have at least so many: between two of them passes the time of a hundred paths.
+_LEAST_SAMPLES = 4
 #: The last task of the last tiles is divided, so that at the end no thread has long to wait for another: of how many
 #: tiles, in how many parts, and how many samples make it worth while. They may not depend on the number of threads.
 _LAST_TILES = 32
@@ -39,14 +41,18 @@ def task_samples(first: int) -> int:
     return min(max(first // _TASKS_SO_FAR, SHORTEST_PASS), LARGEST_TASK_SAMPLES) if first else 1
 
 
-def sample_ranges(samples: int, first: int = 0, count: int = 1) -> list[tuple[int, int]]:
-    """(first, count) of a tile's successive tasks in an unguided render, from a first one of so many samples on."""
+def sample_ranges(
+    samples: int, first: int = 0, count: int = 1, least: int = SHORTEST_PASS
+) -> list[tuple[int, int]]:
+    """(first, count) of a tile's successive tasks, from a first one of so many samples on; later ones have at least
+    `least`.
+    """
     ranges = []
     while first < samples:
         count = min(count, samples - first)
         ranges.append((first, count))
         first += count
-        count = task_samples(first)
+        count = max(task_samples(first), least)
     return ranges
 
 
@@ -130,7 +136,7 @@ class PlainSchedule:
     """
 
     def __init__(self, tile_count: int, samples: int, first: int = 0, count: int = 1, stratum: int = 0) -> None:
-        ranges = sample_ranges(samples, first, count)
+        ranges = sample_ranges(samples, first, count, _LEAST_SAMPLES)
         divided_count = min(_LAST_TILES, tile_count) if ranges else 0
         #: By tile.
         self._ranges = [ranges] * (tile_count - divided_count)

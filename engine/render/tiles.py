@@ -15,6 +15,8 @@ from engine.scene.description import Frame
 
 #: Side of a tile [pixels].
 TILE_SIZE = 32
+#: A frame of up to so many pixels keeps its tiles, 16 bytes a pixel: each is asked for once a task.
+_KEPT_PIXELS = 1 << 20
 
 #: Pixels (column, row in the full image), int32 (N, 2), and their indices in the film, int64 (N,).
 Tile = tuple[np.ndarray, np.ndarray]
@@ -62,11 +64,19 @@ class FrameTiles(_Tiles):
         self._columns, self._rows = -(-(x1 - x0) // TILE_SIZE), -(-(y1 - y0) // TILE_SIZE)
         self.pixel_count = (x1 - x0) * (y1 - y0)
         self.largest = min(TILE_SIZE, x1 - x0) * min(TILE_SIZE, y1 - y0)
+        self._kept: dict[int, Tile] = {}
 
     def __len__(self) -> int:
         return self._columns * self._rows
 
     def _tile(self, index: int) -> Tile:
+        if self.pixel_count > _KEPT_PIXELS:
+            return self._made(index)
+        if index not in self._kept:
+            self._kept[index] = self._made(index)
+        return self._kept[index]
+
+    def _made(self, index: int) -> Tile:
         x0, y0, x1, y1 = self._region
         row, column = divmod(index, self._columns)
         left, top = x0 + column * TILE_SIZE, y0 + row * TILE_SIZE

@@ -24,6 +24,7 @@ from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
+from engine.render.unit_header import unit_header
 from engine.ris.orca import no_allocation
 from engine.runtime.jit import BoundKernel, in_python
 from engine.runtime.stage_table import StageTable
@@ -31,32 +32,21 @@ from engine.settings import RenderSettings
 from engine.spectral.tables import no_spectral_tables, tables_for
 from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
-from engine.state.group_parts import SPLITS_MEASURED
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
     SCENE_HAS_EMITTERS,
-    SCENE_HAS_MEDIA,
     SCENE_HAS_ROUNDS,
     SCENE_IS_SPECTRAL,
     SCENE_SHIFTS_SHADING,
-    UNIT_ASKS_MODEL,
-    UNIT_CATCHES,
-    UNIT_DIVIDES_WAVELENGTHS,
     UNIT_FOLLOWS,
-    UNIT_GUIDES_MEDIA,
-    UNIT_HEADER_WIDTH,
     UNIT_IS_GUIDED,
-    UNIT_LEARNS_LIGHTS,
-    UNIT_MEASURE_THRESHOLD,
     UNIT_PATH_COUNT,
     UNIT_PREDICTS,
     UNIT_RECORD_THRESHOLD,
     UNIT_SAMPLE_FIRST,
-    UNIT_SEED,
-    UNIT_SHADER_MODE,
     UNIT_SHOWS_BACKGROUND,
     UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
@@ -261,11 +251,16 @@ class Tracer:
 
     def _make_arm(self, guidance: Guidance | None) -> Arm:
         newest = self._guidance
-        seen = self.view, newest is not None and newest.lights is not None
+        model = None if guidance is None or guidance.field is None else guidance.model
+        header = unit_header(
+            self.seed, self.mode, self.view, self.layout, guidance, asks_model=model is not None,
+            learns_lights=newest is not None and newest.lights is not None,
+            divides_wavelengths=self.divides_wavelengths,
+        )
         radiance = _radiance_of(guidance, self._no_radiance)
         if guidance is None or guidance.field is None:
             options = make_guiding_options(self._settings, candidate_count=1)
-            return Arm(guidance, {"options": options, **self._nothing_learned}, radiance, *seen)
+            return Arm(guidance, {"options": options, **self._nothing_learned}, radiance, self.view, header)
         options = make_guiding_options(
             self._settings,
             candidate_count=guidance.candidate_count,
@@ -278,7 +273,7 @@ class Tracer:
         }
         if guidance.model is not None and self._batches:
             self._link_model(guidance.model, self._batches[0])
-        return Arm(guidance, learned, radiance, *seen, guidance.model)
+        return Arm(guidance, learned, radiance, self.view, header, model)
 
     def warm_up(self, batch: Batch) -> None:
         """Load (or compile) every kernel that this scene can need."""
@@ -398,29 +393,9 @@ class Tracer:
             weights = guidance.pixel_weight[unit.film_index]
             if unit.stratum == ALL_STRATA:
                 weights = np.repeat(weights, unit.strata)
-        header = np.zeros(UNIT_HEADER_WIDTH, np.int64)
-        header[UNIT_SEED] = self.seed
-        header[UNIT_SAMPLE_FIRST] = unit.sample_first
-        header[UNIT_PATH_COUNT] = unit.path_count
-        header[UNIT_RECORD_THRESHOLD] = guidance.record_threshold if guidance is not None else 0
-        header[UNIT_IS_GUIDED] = guidance is not None and guidance.field is not None
-        header[UNIT_GUIDES_MEDIA] = (
-            self.view.header[SCENE_HAS_MEDIA] and guidance is not None and guidance.guides_media
-        )
-        header[UNIT_SHADER_MODE] = self.mode
-        header[UNIT_USE_FEATURES] = self.layout.use_features
-        header[UNIT_USE_DENOISING] = self.layout.use_denoising
-        header[UNIT_SPLITS_LIGHT] = SPLITS_MEASURED if self.layout.measures_groups else self.layout.light_part_count > 0
-        header[UNIT_USE_OCCLUSION] = self.layout.use_occlusion
-        header[UNIT_SHOWS_BACKGROUND] = self.layout.shows_background
-        header[UNIT_CATCHES] = self.layout.has_catchers
+        header = arm.header.copy()
+        header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT] = unit.sample_first, unit.path_count
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
-        header[UNIT_USES_CACHE] = guidance is not None and guidance.uses_cache
-        header[UNIT_PREDICTS] = guidance is not None and guidance.roulette_field is not None
-        header[UNIT_LEARNS_LIGHTS] = arm.learns_lights
-        header[UNIT_ASKS_MODEL] = arm.model is not None
-        header[UNIT_MEASURE_THRESHOLD] = guidance.measure_threshold if guidance is not None else 0
-        header[UNIT_DIVIDES_WAVELENGTHS] = self.divides_wavelengths
         view = UnitView(header, unit.pixels, weights, batch.film)
         return (
             stages, arm.view, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop

@@ -57,6 +57,12 @@ def sun_angles(elevation: float, rotation: float) -> tuple[float, float]:
     return elevation, 2.0 * math.pi - rotation % (2.0 * math.pi)
 
 
+def _direction(elevation: float, rotation: float) -> tuple[float, float, float]:
+    """Unit vector of an elevation, and of an azimuth from y towards -x [rad]."""
+    across = math.cos(elevation)
+    return -across * math.sin(rotation), across * math.cos(rotation), math.sin(elevation)
+
+
 def sun_of(node: Node) -> Sun | None:
     """The sun's disc that a Sky Texture shows; None: it shows none."""
     properties = node.properties
@@ -67,9 +73,7 @@ def sun_of(node: Node) -> Sun | None:
     altitude = float(properties.get("altitude", 100.0))
     if not size > 0.0 or elevation + 0.5 * size <= -horizon_angle(altitude):
         return None
-    across = math.cos(elevation)
-    direction = (-across * math.sin(rotation), across * math.cos(rotation), math.sin(elevation))
-    return Sun(direction, 0.5 * size)
+    return Sun(_direction(elevation, rotation), 0.5 * size)
 
 
 def _of_map(node: Node, kind: str, from_xyz: FloatArray) -> Float32Array:
@@ -90,6 +94,9 @@ def _of_map(node: Node, kind: str, from_xyz: FloatArray) -> Float32Array:
     table[kernels.MAP_ROTATION] = rotation
     table[kernels.MAP_HALF_ANGLE] = 0.5 * size
     table[kernels.MAP_LOWEST] = -horizon_angle(altitude)
+    table[kernels.MAP_AXIS : kernels.MAP_RIM] = _direction(elevation, rotation)
+    # A little more than the rim: what lies close to it is looked at by its angle.
+    table[kernels.MAP_RIM] = (1.01 * math.tan(0.25 * size) + 1e-5) ** 2
     table[kernels.MAP_TEXELS :] = (texels @ from_xyz.T.astype(np.float32)).ravel()
     return table
 
@@ -101,8 +108,10 @@ def _of_formula(node: Node, kind: str, from_xyz: FloatArray) -> Float32Array:
         sky = daylight.preetham((x, y, z), turbidity)
     else:
         sky = daylight.hosek_wilkie((x, y, z), turbidity, float(node.properties.get("ground_albedo", 0.3)))
-    angles = np.array([sky.theta, sky.phi, sky.horizon])
-    return np.concatenate([sky.coefficients.ravel(), sky.radiance, angles, from_xyz.ravel()]).astype(np.float32)
+    sun = _direction(0.5 * math.pi - sky.theta, -sky.phi)
+    return np.concatenate(
+        [sky.coefficients.ravel(), sky.radiance, sun, [sky.horizon], from_xyz.ravel()]
+    ).astype(np.float32)
 
 
 def _sky(node: Node, builder: Any) -> Operation:

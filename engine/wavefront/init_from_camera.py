@@ -68,6 +68,19 @@ def place_in_stratum(u, piece_count, stratum, strata):
 
 
 @kernel
+def _reset_cached(cached, lane, origin, is_recorded):
+    """What the radiance cache knows of a path that begins."""
+    cached.depth[lane] = 0
+    store(cached.origin, lane, origin)
+    cached.root[lane] = 0.0
+    cached.pdf[lane] = 0.0
+    cached.is_measured[lane] = 0
+    cached.is_recorded[lane] = 1 if is_recorded else 0
+    cached.has_met[lane] = 0
+    cached.vertex_count[lane] = 0
+
+
+@kernel
 def init_from_camera(scene, unit, work, queue):
     """Fill free lanes with the unit's next paths.
 
@@ -94,14 +107,18 @@ def init_from_camera(scene, unit, work, queue):
     active, active_count = work.active.lanes, work.active.count[0]
     next_path = work.counts[NEXT_PATH]
     pixel_count = pixels.shape[0]
+    # Divided once, not for each path.
+    pixel = next_path % pixel_count
+    sample = sample_first + next_path // pixel_count
     while free_count > 0 and next_path < path_count:
         free_count -= 1
         lane, ahead = free[free_count], free[max(free_count - _LANES_AHEAD, 0)]
         ask_for_ray(paths, ahead)
         ask_for_throughput(paths, ahead)
         ask_for_history(paths, ahead)
-        pixel = next_path % pixel_count
-        sample = sample_first + next_path // pixel_count
+        if pixel == pixel_count:
+            pixel = 0
+            sample += 1
         next_path += 1
         column = pixels[pixel, 0]
         row = pixels[pixel, 1]
@@ -151,7 +168,7 @@ def init_from_camera(scene, unit, work, queue):
         # What a panorama's film does not see is black, and opaque.
         paths.alive[lane] = 1 if dot(direction, direction) > 0.0 else 0
         log.count[lane] = 0
-        is_recorded = np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold
+        is_recorded = record_threshold > 0 and np.int64(hash_combine(rng, np.uint32(sample))) < record_threshold
         log.is_recording[lane] = 1 if is_recorded and has_log else 0
         if use_denoising:
             store(work.features.throughput, lane, (1.0, 1.0, 1.0))
@@ -160,16 +177,10 @@ def init_from_camera(scene, unit, work, queue):
             for column in range(passes.parts.shape[1]):
                 passes.parts[lane, column] = 0.0
         if uses_cache:
-            cached.depth[lane] = 0
-            store(cached.origin, lane, origin)
-            cached.root[lane] = 0.0
-            cached.pdf[lane] = 0.0
-            cached.is_measured[lane] = 0
-            cached.is_recorded[lane] = 1 if is_recorded else 0
-            cached.has_met[lane] = 0
-            cached.vertex_count[lane] = 0
+            _reset_cached(cached, lane, origin, is_recorded)
         active[active_count] = lane
         active_count += 1
+        pixel += 1
     work.counts[NEXT_PATH] = next_path
     work.active.count[0] = active_count
     queue.count[0] = free_count

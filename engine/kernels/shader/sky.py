@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 
+from engine.kernels.angles import upper_angle
 from engine.kernels.constants import INV_TWO_PI
+from engine.kernels.rounding import floor_of
 from engine.runtime.jit import kernel
 
 #: What a sky is told by: columns of its table.
@@ -14,51 +16,33 @@ SKY_DAYLIGHT = 1
 SKY_CHROMATIC_DAYLIGHT = 2
 
 #: Of a map: radiance of the sun's disc at its lowest and highest point, elevation and azimuth of its centre from y
-#: towards -x, half of its angle (0 = no disc), the elevation above which it is seen, and 3 floats for each texel.
+#: towards -x, half of its angle (0 = no disc), the elevation above which it is seen, the unit direction to its centre,
+#: a bound of the squared tangent of a quarter of its angle, and 3 floats for each texel.
 MAP_BOTTOM = 0
 MAP_TOP = 3
 MAP_ELEVATION = 6
 MAP_ROTATION = 7
 MAP_HALF_ANGLE = 8
 MAP_LOWEST = 9
-MAP_TEXELS = 10
+MAP_AXIS = 10
+MAP_RIM = 13
+MAP_TEXELS = 14
 
-#: Of a formula: 9 coefficients by channel, radiance, the sun's angle to the zenith and its azimuth from y towards x,
-#: what is added to cosines to the zenith, and the matrix from CIE XYZ.
+#: Of a formula: 9 coefficients by channel, radiance, the unit direction to the sun, what is added to cosines to the
+#: zenith, and the matrix from CIE XYZ.
 DAYLIGHT_RADIANCE = 27
-DAYLIGHT_THETA = 30
-DAYLIGHT_PHI = 31
-DAYLIGHT_HORIZON = 32
-DAYLIGHT_MATRIX = 33
+DAYLIGHT_SUN = 30
+DAYLIGHT_HORIZON = 33
+DAYLIGHT_MATRIX = 34
 
 MAP_WIDTH = 512
 MAP_HEIGHT = 256
+_WIDTH, _HEIGHT = np.float32(MAP_WIDTH), np.float32(MAP_HEIGHT)
 _HALF_PI = np.float32(0.5 * math.pi)
-#: Nearest to the horizon that formulas are asked.
-_LOWEST = np.float32(0.5 * math.pi - 0.001)
+_INV_HALF_PI = np.float32(2.0 / math.pi)
+#: Cosine of the angle nearest to the horizon that formulas are asked.
+_LOWEST_COSINE = np.float32(math.sin(0.001))
 _LIMB_DARKENING = np.float32(0.6)
-
-
-@kernel
-def sun_disc_axis(tables, table):
-    """Unit direction to the centre of a map's sun."""
-    elevation = tables[table + MAP_ELEVATION]
-    rotation = tables[table + MAP_ROTATION]
-    across = math.cos(elevation)
-    return -across * math.sin(rotation), across * math.cos(rotation), math.sin(elevation)
-
-
-@kernel
-def _angle_between(a, b):
-    """Angle between two unit vectors, precise where it is small."""
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    u, v, w = a[0] + b[0], a[1] + b[1], a[2] + b[2]
-    return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), math.sqrt(u * u + v * v + w * w))
-
-
-@kernel
-def _elevation(d):
-    return _HALF_PI - math.acos(min(max(d[2], -1.0), 1.0))
 
 
 @kernel
@@ -68,7 +52,15 @@ def _disc(tables, table, d, elevation):
     none = 0.0 * elevation
     if not half_angle > 0.0 or not elevation > tables[table + MAP_LOWEST]:
         return none, none
-    angle = _angle_between(d, sun_disc_axis(tables, table))
+    axis = table + MAP_AXIS
+    x, y, z = d[0] - tables[axis], d[1] - tables[axis + 1], d[2] - tables[axis + 2]
+    u, v, w = d[0] + tables[axis], d[1] + tables[axis + 1], d[2] + tables[axis + 2]
+    across, along = x * x + y * y + z * z, u * u + v * v + w * w
+    # Most directions are far from it, and need no angle.
+    if across > along * tables[table + MAP_RIM]:
+        return none, none
+    # Precise where it is small.
+    angle = 2.0 * upper_angle(math.sqrt(across), math.sqrt(along))
     if not angle < half_angle:
         return none, none
     share = angle / half_angle
@@ -78,13 +70,16 @@ def _disc(tables, table, d, elevation):
 
 @kernel
 def _map_sky(tables, table, d):
-    elevation = _elevation(d)
+    z = min(max(d[2], -1.0), 1.0)
+    height = upper_angle(abs(z), math.sqrt((1.0 - z) * (1.0 + z)))
+    elevation = -height if z < 0.0 else height
     up, limb = _disc(tables, table, d, elevation)
-    x = (tables[table + MAP_ROTATION] - math.atan2(d[1], d[0]) - _HALF_PI) * INV_TWO_PI
-    x = (x - math.floor(x)) * MAP_WIDTH - 0.5
-    l = math.sqrt(abs(elevation) / _HALF_PI)
-    y = (0.5 + 0.5 * (l if elevation >= 0.0 else -l)) * MAP_HEIGHT - 0.5
-    column, row = int(math.floor(x)), int(math.floor(y))
+    turn = upper_angle(abs(d[1]), d[0])
+    x = (tables[table + MAP_ROTATION] - (-turn if d[1] < 0.0 else turn) - _HALF_PI) * INV_TWO_PI
+    x = (x - np.float32(floor_of(x))) * _WIDTH - 0.5
+    l = math.sqrt(height * _INV_HALF_PI)
+    y = (0.5 + 0.5 * (-l if z < 0.0 else l)) * _HEIGHT - 0.5
+    column, row = floor_of(x), floor_of(y)
     dx, dy = x - np.float32(column), y - np.float32(row)
     left, right = max(column, 0), min(column + 1, MAP_WIDTH - 1)
     below, above = max(row, 0), min(row + 1, MAP_HEIGHT - 1)
@@ -104,9 +99,8 @@ def _map_sky(tables, table, d):
 
 
 @kernel
-def _daylight(tables, first, radiance, horizon, cos_theta, gamma):
+def _daylight(tables, first, radiance, horizon, cos_theta, gamma, cos_gamma):
     """One channel of the formula (`engine.sky.daylight`)."""
-    cos_gamma = math.cos(gamma)
     squared = cos_gamma * cos_gamma
     denominator = 1.0 + tables[first + 8] * tables[first + 8] - 2.0 * tables[first + 8] * cos_gamma
     mie = (1.0 + squared) / (denominator * math.sqrt(denominator)) if tables[first + 6] != 0.0 else 0.0 * gamma
@@ -117,17 +111,19 @@ def _daylight(tables, first, radiance, horizon, cos_theta, gamma):
 
 @kernel
 def _daylight_sky(tables, table, is_chromatic, d):
-    theta = math.acos(min(max(d[2], -1.0), 1.0))
-    phi = _HALF_PI - math.atan2(d[1], d[0])
-    sun_theta = tables[table + DAYLIGHT_THETA]
-    cosine = math.sin(theta) * math.sin(sun_theta) * math.cos(tables[table + DAYLIGHT_PHI] - phi)
-    cosine += math.cos(theta) * math.cos(sun_theta)
-    gamma = math.acos(min(max(cosine, -1.0), 1.0))
-    cos_theta = math.cos(min(theta, _LOWEST))
+    z = min(max(d[2], -1.0), 1.0)
+    squared = d[0] * d[0] + d[1] * d[1]
+    # Of a direction that is no unit vector, the one with its height and its azimuth.
+    scale = math.sqrt((1.0 - z) * (1.0 + z) / squared) if squared > 0.0 else 0.0 * z
+    sun = table + DAYLIGHT_SUN
+    cosine = scale * (d[0] * tables[sun] + d[1] * tables[sun + 1]) + z * tables[sun + 2]
+    cosine = min(max(cosine, -1.0), 1.0)
+    gamma = upper_angle(math.sqrt((1.0 - cosine) * (1.0 + cosine)), cosine)
+    cos_theta = max(z, _LOWEST_COSINE)
     horizon = tables[table + DAYLIGHT_HORIZON]
-    x = _daylight(tables, table, tables[table + DAYLIGHT_RADIANCE], horizon, cos_theta, gamma)
-    y = _daylight(tables, table + 9, tables[table + DAYLIGHT_RADIANCE + 1], horizon, cos_theta, gamma)
-    z = _daylight(tables, table + 18, tables[table + DAYLIGHT_RADIANCE + 2], horizon, cos_theta, gamma)
+    x = _daylight(tables, table, tables[table + DAYLIGHT_RADIANCE], horizon, cos_theta, gamma, cosine)
+    y = _daylight(tables, table + 9, tables[table + DAYLIGHT_RADIANCE + 1], horizon, cos_theta, gamma, cosine)
+    z = _daylight(tables, table + 18, tables[table + DAYLIGHT_RADIANCE + 2], horizon, cos_theta, gamma, cosine)
     if is_chromatic:
         luminance, u, v = x, y, z
         scale = luminance / v if v != 0.0 else 0.0 * v

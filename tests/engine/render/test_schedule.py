@@ -52,7 +52,7 @@ def test_unguided_tasks_grow_and_cover_all_samples(samples: int, workers: int) -
     check_samples(done, samples)
     counts = [task.arm_samples.sample_count for task in done if task.tile == 3]
     if samples == 200:
-        assert counts[:13] == [1] + [2] * 12 and counts[-3:] == [18, 20, 17] and len(counts) == 32
+        assert counts[:12] == [1] + [4] * 10 + [5] and counts[-3:] == [18, 20, 18] and len(counts) == 25
     assert [task.is_first for task in done if task.tile == 3] == [True] + [False] * (len(counts) - 1)
     assert {task.arm_samples.arm for task in done} == {CURRENT}
 
@@ -63,14 +63,15 @@ def test_only_the_last_tiles_end_in_small_tasks() -> None:
         task = schedule.take()
         counts[task.tile].append(task.arm_samples.sample_count)
         schedule.finish(task)
-    assert {tuple(of_tile[-5:]) for of_tile in counts[:18]} == {(51, 57, 64, 64, 53)}
-    assert {tuple(of_tile[-5:]) for of_tile in counts[18:]} == {(64, 14, 14, 14, 11)}
+    assert {tuple(of_tile[-5:]) for of_tile in counts[:18]} == {(51, 57, 64, 64, 54)}
+    assert {tuple(of_tile[-5:]) for of_tile in counts[18:]} == {(64, 14, 14, 14, 12)}
     assert task.tile == 49
 
 
 @pytest.mark.parametrize("kind", ["unguided", "paced", "steps", "iterations", "compared", "tried"])
 def test_whenever_a_render_is_cancelled_its_tiles_have_nearly_as_many_samples(kind: str) -> None:
-    """But for one or two tasks of an eighth of the samples, or of two, while one is in work."""
+    """But for one or two tasks of an eighth of the samples, or of a few, while one is in work."""
+    fewest = 4 if kind in ("unguided", "steps") else 2
     samples, done = 300, dict.fromkeys(range(TILES), 0)
     steps = Steps(samples, lambda begin: begin + 100)
     iterations = Iterations(samples)
@@ -86,7 +87,7 @@ def test_whenever_a_render_is_cancelled_its_tiles_have_nearly_as_many_samples(ki
             in_work.append(schedule.take())
         task = in_work.pop(0)
         done[task.tile] += task.arm_samples.sample_count
-        assert max(done.values()) - min(done.values()) <= 2 * max(2, min(done.values()) // 8 + 1)
+        assert max(done.values()) - min(done.values()) <= 2 * max(fewest, min(done.values()) // 8 + 1)
         if schedule.finish(task):
             if kind == "steps" and not steps.is_last:
                 steps.begin(TILES)
@@ -176,7 +177,7 @@ def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) ->
     done = run(iterations, workers, learn)
     check_samples(done, samples)
     counts = [task.arm_samples.sample_count for task in done if task.tile == 0]
-    assert counts[:12] == [1, 2, 1, 2, 2, 2, 2, 2, 2, 2, 2, 2] and sum(counts) == samples
+    assert counts[:12] == [1, 2, 1, 2, 2, 2, 2, 2, 2, 2, 4, 4] and sum(counts) == samples
     assert not any(task.is_first for task in done if task.arm_samples.first_sample)
 
 
@@ -199,7 +200,7 @@ def test_steps_wait_for_all_tiles_and_may_lose_some(workers: int) -> None:
     assert ends == [80, 96, 112, 120]
     check_samples([task for task in done if task.arm_samples.first_sample < 80], 80)
     counts = [task.arm_samples.sample_count for task in done if task.tile == 0]
-    assert counts[:3] == [1, 2, 2] and counts[23:] == [7, 10, 6, 12, 4, 8]
+    assert counts[:3] == [1, 4, 4] and counts[16:] == [8, 10, 6, 12, 4, 8]
     assert [sum(task.arm_samples.first_sample == end for task in done) for end in ends[:-1]] == tile_counts[:-1]
 
 
