@@ -23,7 +23,7 @@ def problem(scene: bpy.types.Scene) -> str:
     if render.use_multiview:
         return "frames are stereo"
     if scene.frame_step != 1:
-        return f"vectors lead to the next frame, and every {scene.frame_step}th is rendered"
+        return f"vectors lead to the next frame, and the frame step is {scene.frame_step}"
     return ""
 
 

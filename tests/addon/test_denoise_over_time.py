@@ -93,7 +93,7 @@ def test_the_command_line_does_so_too(animation: Any, tmp_path: Path, monkeypatc
         (lambda scene: setattr(scene.render.image_settings, "media_type", "IMAGE"), "not saved as OpenEXR MultiLayer"),
         (lambda scene: setattr(scene.render, "use_motion_blur", True), "motion blur leaves no vectors"),
         (lambda scene: setattr(scene.render, "use_multiview", True), "frames are stereo"),
-        (lambda scene: setattr(scene, "frame_step", 2), "every 2th is rendered"),
+        (lambda scene: setattr(scene, "frame_step", 2), "the frame step is 2"),
     ],
 )
 def test_what_cannot_be_denoised_over_time_is_said(animation: Any, spoil: Any, sentence: str) -> None:
