@@ -19,6 +19,7 @@ def _use_extension_folder() -> None:
 def _modules() -> list:  # type: ignore[type-arg]
     from . import (
         bug_report,
+        denoise_after_render,
         engine,
         last_render,
         learned_fields,
@@ -35,8 +36,8 @@ def _modules() -> list:  # type: ignore[type-arg]
     from .viewport import windows
 
     return [
-        log, properties, saved_settings, engine, sequence, learned_fields, operators, sequence_operator, ui,
-        last_render, bug_report, preferences, warm_up, windows,
+        log, properties, saved_settings, engine, sequence, learned_fields, operators, sequence_operator,
+        denoise_after_render, ui, last_render, bug_report, preferences, warm_up, windows,
     ]  # fmt: skip
 
 

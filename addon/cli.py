@@ -14,10 +14,11 @@ from typing import Any
 
 import bpy
 
-from . import console, engine, learned_fields, register, sequence
+from . import console, denoise_over_time, engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
+from .cli_denoising import denoise_animation, denoise_frames
 from .declared_settings import parse_setting, setting_owner
-from .denoise_sequence import FOLDER, SequenceDenoiser, find_frames
+from .denoise_sequence import find_frames
 from .exr_layers import LayersError
 from .frame_files import FrameClaim, is_finished
 from .log import log_failure
@@ -186,21 +187,12 @@ class CommandLineRenderer:
         render.use_overwrite, render.use_placeholder = False, True
 
     def _do_denoise_sequence(self, path: str) -> None:
-        file = Path(path).resolve()
         try:
-            denoiser = SequenceDenoiser(find_frames(file), file.parent / FOLDER, threads=self._threads or 0)
+            paths = find_frames(Path(path).resolve())
+            failure = denoise_frames(paths, self._threads or 0, lambda: self.is_interrupted)
         except (LayersError, OSError) as error:
             raise CommandLineError(f"--denoise-sequence: {error}") from None
-        try:
-            for written in denoiser:
-                console.say(f"Saved: '{written}'")
-                if self.is_interrupted:
-                    return
-        except (LayersError, OSError) as error:
-            console.complain(f"--denoise-sequence: {error}")
-            self.failures.append(str(error))
-        for warning in denoiser.warnings:
-            console.say(f"NeuralGuide: {warning}")
+        self.failures += [failure] if failure else []
 
     def close(self) -> None:
         """Leave the cluster, if there is one."""
@@ -225,12 +217,19 @@ class CommandLineRenderer:
         frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
         if not frames:
             raise CommandLineError(f"-a: the last frame, {scene.frame_end}, is before the first, {scene.frame_start}")
+        failure_count = len(self.failures)
         if scene.render.is_movie_format:
             self._render(frames)
         else:
             # One by one, so that one bad frame does not keep the others from being tried.
             for frame in frames:
                 self._render([frame])
+        if not denoise_over_time.counts(scene) or self.is_interrupted:
+            return
+        if len(self.failures) > failure_count:
+            console.say("NeuralGuide: frames failed: none is denoised over time")
+        elif failure := denoise_animation(scene, frames, self._threads or 0, lambda: self.is_interrupted):
+            self.failures.append(failure)
 
     def _render(self, frames: list[int]) -> None:
         if self.is_interrupted:

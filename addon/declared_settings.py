@@ -44,6 +44,12 @@ _ADDON_SETTINGS = (
         "Samples that every pixel of a viewport gets (0 = by the threshold)", "Viewport", minimum=0, maximum=4096,
     ),
     Setting(
+        "denoise_over_time", False, "Over Time",
+        "Once an animation is rendered, denoise its frames together, so that they flicker less. They must be saved as"
+        " OpenEXR MultiLayer; the passes that this needs are added. Copies go to the folder denoised beside the frames",
+        "Denoising",
+    ),
+    Setting(
         "use_preview_denoising", False, "Viewport Denoise", "Take the noise out of what a viewport shows", "Viewport",
     ),
     Setting(

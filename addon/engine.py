@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import figures, freestyle, material_preview, passes, sequence
+from . import denoise_over_time, figures, freestyle, material_preview, passes, sequence
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
@@ -230,7 +230,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._pending = pending
         if self._draws_strokes:
             return
-        self._notices = unsupported_settings(scene, layer)
+        self._notices = unsupported_settings(scene, layer) + denoise_over_time.notices(scene)
         if self._plan is not None:
             self._notices += self._plan.notices
         missing = passes.unsupported_passes(layer)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from engine.scene.pass_names import aov_pass, matte_passes
 
+from .denoise_over_time import needs_passes
 from .shared_settings import layer_is_denoised, setting_value
 from .versions import RENAMED_PASSES, is_since
 
@@ -103,11 +104,12 @@ def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) ->
     yield COMBINED
     if layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising")):
         yield NOISY
-    if getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
+    over_time = needs_passes(scene, view_layer)
+    if over_time or getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
         yield from DENOISING
     ours = view_layer.neuralguide
     for switch, is_ours, render_pass in OPTIONAL:
-        if getattr(ours if is_ours else view_layer, switch, False):
+        if getattr(ours if is_ours else view_layer, switch, False) or (over_time and switch == "use_pass_vector"):
             yield render_pass
     cycles = getattr(view_layer, "cycles", None)
     for owner, table in ((view_layer, LIGHT), (cycles, CYCLES_LIGHT)):

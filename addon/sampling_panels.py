@@ -7,7 +7,7 @@ import bpy
 
 from engine.denoise.library import problem as denoiser_problem
 
-from . import warm_up
+from . import denoise_over_time, warm_up
 from .panel_parts import RenderPanel, add_shared, draw_presets, draw_section, draw_shared
 from .shared_settings import follows_cycles, has_cycles, setting_value
 
@@ -105,6 +105,9 @@ class _DenoisePanel(RenderPanel):
         if kind:
             draw_shared(column, scene, f"{kind}denoising_start_sample", text="Start Sample")
             return
+        column.prop(scene.neuralguide, "denoise_over_time")
+        if denoise_over_time.is_wanted(scene) and (text := denoise_over_time.problem(scene)):
+            column.label(text=f"Not over time: {text}", icon="ERROR")
         row = self.layout.row()  # type: ignore[attr-defined]
         row.active = not problem
         row.operator("neuralguide.denoise_sequence", text="Denoise Sequence of Frames...")

@@ -13,6 +13,7 @@ from bpy_extras.io_utils import ImportHelper
 from .denoise_sequence import FOLDER, REACH, SequenceDenoiser, find_frames
 from .exr_layers import LayersError
 from .log import log_failure
+from .shared_settings import thread_count
 
 #: How soon the next frame begins, so that Blender can draw between [s].
 _PAUSE = 0.01
@@ -30,6 +31,10 @@ class NEURALGUIDE_OT_denoise_sequence(bpy.types.Operator, ImportHelper):  # noqa
         name="Folder", default=FOLDER,
         description="Where the denoised frames go, beside the frames unless it is a full path",
     )
+    frames: bpy.props.CollectionProperty(  # type: ignore[valid-type]
+        type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"},
+        description="Names of the files to denoise, in order, beside the one that is chosen; none: all of its sequence",
+    )
     reach: bpy.props.IntProperty(  # type: ignore[valid-type]
         name="Frames", default=REACH, min=0, max=32, soft_max=16,
         description="How many frames before, and as many after, help a frame",
@@ -37,7 +42,9 @@ class NEURALGUIDE_OT_denoise_sequence(bpy.types.Operator, ImportHelper):  # noqa
 
     def _start(self) -> SequenceDenoiser:
         path = Path(bpy.path.abspath(self.filepath)).absolute()
-        return SequenceDenoiser(find_frames(path), path.parent / bpy.path.abspath(self.folder), self.reach)
+        paths = [path.parent / frame.name for frame in self.frames] or find_frames(path)
+        threads = thread_count(bpy.context.scene)
+        return SequenceDenoiser(paths, path.parent / bpy.path.abspath(self.folder), self.reach, threads)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Denoise all frames: at once in background, else with a progress bar until Esc is pressed."""
@@ -45,7 +52,7 @@ class NEURALGUIDE_OT_denoise_sequence(bpy.types.Operator, ImportHelper):  # noqa
             self._denoiser = self._start()
         except (LayersError, OSError) as error:
             return self._fail(error)
-        self._frames: Iterator[Path] = iter(self._denoiser)
+        self._written: Iterator[Path] = iter(self._denoiser)
         self._done = 0
         if bpy.app.background or context.window is None:
             while (status := self._next()) == {"RUNNING_MODAL"}:
@@ -76,7 +83,7 @@ class NEURALGUIDE_OT_denoise_sequence(bpy.types.Operator, ImportHelper):  # noqa
     def _next(self) -> set[str]:
         """Denoise one frame; {'RUNNING_MODAL'} while more are to come."""
         try:
-            path = next(self._frames, None)
+            path = next(self._written, None)
         except Exception as error:  # Blender would show a traceback
             return self._fail(error)
         if path is not None:

@@ -164,6 +164,14 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
         "library.geterror() or 'no reason given'": "no reason given",
         "opened.geterror() or 'pixels are missing'": "pixels are missing",
     },
+    "addon/denoise_after_render.py": {
+        "path": "/shots/denoised/room_0001.exr",
+        "failure": "/shots/denoised/room_0002.exr cannot be written: No space left on device",
+        "warning": "without Vector and Denoising Data stays as it was: Composite",
+        "missing[0]": "7",
+        "error": "4",
+    },
+    "addon/denoise_over_time.py": {"scene.frame_step": "2"},
     "addon/sequence_operator.py": {
         "self._done": "12",
         "len(self._denoiser)": "48",

@@ -35,7 +35,10 @@ TOPICS = (
     ),
     Topic(
         "Denoising a sequence of frames",
-        ("addon/denoise_sequence.py", "addon/exr_layers.py", "addon/sequence_operator.py"),
+        (
+            "addon/denoise_sequence.py", "addon/denoise_after_render.py", "addon/denoise_over_time.py",
+            "addon/exr_layers.py", "addon/sequence_operator.py",
+        ),
         "Nothing is changed but files in the folder of denoised frames; those that are finished stay. "
         "[denoised-animations.md](denoised-animations.md) says what frames must have.",
     ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from engine.scene.passes import Aov, PassSettings
 
+from ..denoise_over_time import needs_passes
 from ..versions import BACKGROUND_VECTORS, LOOKED_UP_TRANSMISSION, is_newer, is_since
 from .context import ExportContext
 from .world import world_of
@@ -20,7 +21,8 @@ def read_requests(context: ExportContext) -> None:
     context.wants_assets = layer.use_pass_cryptomatte_asset
     # Viewports have no passes, and stay at their frame.
     is_final = context.depsgraph.mode == "RENDER"
-    context.wants_vectors = is_final and layer.use_pass_vector and not context.is_blurred
+    is_asked = layer.use_pass_vector or needs_passes(context.scene, layer)
+    context.wants_vectors = is_final and is_asked and not context.is_blurred
     if layer.use_pass_vector and context.is_blurred:
         problem = "has a Vector pass, which is empty where there is motion blur"
         context.notice(f"View layer {layer.name}", problem, "zeros, as in Cycles")

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from engine.denoise.library import Device
-from engine.denoise.motion import Places, follow
+from engine.denoise.motion import Places, Sighting, follow
+from engine.denoise.patches import most_alike
 from engine.denoise.windows import window_means, window_sums
 
 #: Pixels to each side over which noise is measured, and over which pictures are compared: for edges, shadows, light.
@@ -21,7 +22,11 @@ _NOISE_REACH, _COMPARED_REACHES = 3, (0, 2, 6, 15)
 #: Variance of a denoised pixel over that of the sampled ones around it.
 _KEPT_NOISE = np.float32(0.1)
 #: Square of the standard deviations by which windows may differ by chance.
-_BY_CHANCE = 9.0
+_BY_CHANCE = 12.0
+#: Least brightness that differences are relative to, over the mean of the picture.
+_LEAST_BRIGHTNESS = np.float32(0.01)
+#: Part of a pixel's brightness by which pixels that look alike may differ, noise or not.
+_SLACK = np.float32(0.01)
 #: A sampled pixel counts as no further from the denoised one than so many times the brightness around.
 _MOST_NOISE = 5.0
 #: Motion within so many pixels around may differ by less than so much, where all is one thing [pixels].
@@ -55,6 +60,13 @@ class Frame:
     normal: np.ndarray
     vectors: np.ndarray
     noise: np.ndarray
+
+    @cached_property
+    def sharpness(self) -> np.ndarray:
+        """What `patches.most_alike` multiplies squared differences by: float32 (height, width)."""
+        bright = np.maximum(self.picture.mean(axis=2), _LEAST_BRIGHTNESS * self.picture.mean())
+        kept = 2.0 * _KEPT_NOISE * self.noise.sum(axis=2) + 3.0 * np.square(_SLACK * bright)
+        return np.asarray(1.0 / np.maximum(kept, 1e-12), np.float32)
 
     @cached_property
     def moves_as_one(self) -> np.ndarray:
@@ -132,7 +144,8 @@ def _is_same_surface(frame: Frame, other: Frame, places: Places) -> np.ndarray:
 def _change(frame: Frame, moved: np.ndarray, noise: np.ndarray, is_same: np.ndarray) -> np.ndarray:
     """Square of what pictures differ by and chance does not explain, over the variance of a denoised pixel.
 
-    Means over windows are compared, of each size and channel; the largest counts: float64 (height, width).
+    Means over windows are compared, of each size and channel; the largest counts: float64 (height, width). Pixels are
+    taken over the root of their brightness, so that something bright that moves does not count for all around it.
 
     Parameters
     ----------
@@ -145,9 +158,11 @@ def _change(frame: Frame, moved: np.ndarray, noise: np.ndarray, is_same: np.ndar
     """
     chosen = is_same[..., None].astype(np.float32)
     most = max(_COMPARED_REACHES)
-    sums, counts, variances = (
-        window_sums(image, most) for image in ((frame.picture - moved) * chosen, chosen, noise * chosen)
-    )
+    both = np.maximum(0.5 * (frame.picture + moved).mean(axis=2, keepdims=True), 0.0)
+    per_brightness = 1.0 / np.maximum(both + _LEAST_BRIGHTNESS * frame.picture.mean(), np.float32(1e-12))
+    noise = noise * per_brightness
+    apart = (frame.picture - moved) * np.sqrt(per_brightness)
+    sums, counts, variances = (window_sums(image, most) for image in (apart * chosen, chosen, noise * chosen))
     largest = np.zeros(is_same.shape)
     kept = _KEPT_NOISE * noise + np.float32(1e-12)
     for reach in _COMPARED_REACHES:
@@ -159,6 +174,25 @@ def _change(frame: Frame, moved: np.ndarray, noise: np.ndarray, is_same: np.ndar
     return largest
 
 
+def _what_it_shows(
+    frame: Frame, other: Frame, sighting: Sighting, places: Places, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """What pixels of another frame say of those of a frame, float32 (height, width, 3), and how much they count.
+
+    Parameters
+    ----------
+    places : (rows, columns)
+        Of the pixels there.
+    count : int
+        Of other frames, which tend to differ by the same.
+    """
+    is_same = sighting.is_seen & frame.moves_as_one & other.moves_as_one[places]
+    is_same &= _is_same_surface(frame, other, places)
+    moved = other.picture[places] * _albedo_ratio(frame.albedo, other.albedo[places])
+    change = _change(frame, moved, frame.noise + other.noise[places], is_same)
+    return moved, np.where(is_same, 1.0 / (1.0 + count * change), 0.0).astype(np.float32)
+
+
 def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int) -> np.ndarray:
     """A frame's picture, averaged with what the frames around it show of the same.
 
@@ -166,7 +200,8 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
     and normal are those of the same surface. It counts the less the more the pictures around the two differ than noise
     explains: so do shadows, lamps and reflections that move. With s the variance of a pixel, b what they differ by, and
     n other frames that are likely to differ by the same, its weight is 1 / (1 + n b^2 / s), for the least squared error
-    of the mean.
+    of the mean. Two pixels of each frame are looked at: where the surface is, and near it where it looks most alike, as
+    reflections do that move by themselves. They share the larger of their weights.
 
     Parameters
     ----------
@@ -188,11 +223,11 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
         last = max(index - reach, 0) if direction < 0 else min(index + reach, count - 1)
         for sighting in follow(lambda number: frame_of(number).vectors, index, last, direction):
             other, places = frame_of(index + sighting.lag), sighting.places
-            is_same = sighting.is_seen & frame.moves_as_one & other.moves_as_one[places]
-            is_same &= _is_same_surface(frame, other, places)
-            moved = other.picture[places] * _albedo_ratio(frame.albedo, other.albedo[places])
-            change = _change(frame, moved, frame.noise + other.noise[places], is_same)
-            weight = np.where(is_same, 1.0 / (1.0 + 2 * reach * change), 0.0).astype(np.float32)
-            total += weight[..., None] * moved
-            weights += weight
+            moved, weight = _what_it_shows(frame, other, sighting, places, 2 * reach)
+            places = most_alike(frame.picture, frame.sharpness, other.picture, places)
+            alike, its_weight = _what_it_shows(frame, other, sighting, places, 2 * reach)
+            larger = np.maximum(weight, its_weight)
+            shared = larger / np.maximum(weight + its_weight, np.float32(1e-30))
+            total += (shared * weight)[..., None] * moved + (shared * its_weight)[..., None] * alike
+            weights += larger
     return total / weights[..., None]

@@ -108,6 +108,19 @@ def test_a_shadow_that_moves_over_a_wall_leaves_no_trail():
     assert found.std(axis=0)[~edge].mean() < 0.7 * DENOISED
 
 
+def test_a_highlight_that_moves_over_a_wall_is_followed():
+    """It moves a pixel every other frame, the wall does not: the frames beside it help, two of each side at least."""
+    truths = []
+    for step in range(COUNT):
+        image = grey()
+        image[20:28, 30 + step // 2 : 38 + step // 2] = np.linspace(1.0, 6.0, 8)[:, None]
+        truths.append(image)
+    within = (slice(21, 27), slice(30 + REACH // 2 + 1, 37 + REACH // 2))
+    found = [(steadied(make_frames(truths, seed=seed)) - truths[REACH])[within] for seed in range(8)]
+    assert np.std(found) < DENOISED / np.sqrt(3.0)
+    assert abs(np.mean(found)) < 0.25 * DENOISED
+
+
 def test_what_is_no_number_is_taken_to_stand_still_and_pixels_that_leave_the_picture_are_lost():
     vectors = np.full((4, 6, 4), np.nan, np.float32)
     assert not offsets(vectors, 1).any()
