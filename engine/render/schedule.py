@@ -27,7 +27,8 @@ LARGEST_TASK_SAMPLES = 64
 #: many samples as each other. It costs nothing that was seen (256 x 192 pixels, 192 samples: 8.97 s of processor time;
 #: 9.04 s where tasks grew fourfold; 10.18 s where all had two samples).
 _TASKS_SO_FAR = 8
-#: But an unguided render's later tasks have at least so many: between two of them passes the time of a hundred paths.
+#: But an unguided render's later tasks have at least so many, if a time limit leaves room: between two of them passes
+#: the time of a hundred paths.
 _LEAST_SAMPLES = 4
 #: The last task of the last tiles is divided, so that at the end no thread has long to wait for another: of how many
 #: tiles, in how many parts, and how many samples make it worth while. They may not depend on the number of threads.
@@ -216,7 +217,7 @@ class PacedSchedule:
         self._waits_for_all = bool(self._ranges) and count <= SHORTEST_PASS
         self._ranges.append((self._next, count))
         self._next += count
-        self._count = task_samples(self._next)
+        self._count = max(task_samples(self._next), _LEAST_SAMPLES)
 
     @property
     def lacks_first_tasks(self) -> bool:

@@ -98,7 +98,7 @@ def test_tasks_of_a_pass_are_alike_and_tiles_are_never_a_pass_apart(tile_count):
         # One in work.
         assert max(samples.values()) - behind <= 2 * 5
     assert samples == Counter({tile: 23 for tile in range(tile_count)})
-    assert asked == [(1, 0), *((2, first) for first in range(1, 23, 2))]
+    assert asked == [(1, 0), *((4, first) for first in range(1, 21, 4)), (2, 21)]
 
 
 def test_a_pass_that_may_be_cut_off_begins_when_all_tiles_are_there():
