@@ -71,6 +71,8 @@ render.image_settings.color_depth = "32"
 scene.neuralguide.samples = 64
 scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
 scene.neuralguide.seed = 1
+# Variances below are those of paths that find all light themselves.
+scene.neuralguide.radiance_cache = "OFF"
 scene.view_layers[0].neuralguide.use_pass_variance = True
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[-1])
 """
