@@ -115,7 +115,8 @@ _ELSEWHERE = """\
 - **Passes** are chosen by view layer. Blender's are Combined, Depth, Position, Normal, indices, Emission, Environment,
   Ambient Occlusion, Shadow Catcher, light taken apart, light groups, Mist, UV, Vector, Shader AOVs and Cryptomatte (a
   multilayer EXR of 32 bits; turn *Interleave* on for programs that read one part only). Ours, in
-  `view_layer.neuralguide`, are Albedo, Sample Count, Variance, Candidate Count and Guiding Benefit.
+  `view_layer.neuralguide`, are Albedo, Sample Count, Variance, Candidate Count and Guiding Benefit. Variance is of
+  what paths brought: choose *Accuracy* Unbiased for that of the picture.
 - **View layers** have Blender's own rules: *Filter*, *Override*, holdout, indirect only and exclusion.
 """
 
