@@ -141,7 +141,8 @@ def test_same_picture_as_cycles_at_blender_defaults_in_many_scenes(name: str, tm
 @pytest.mark.parametrize("name", CLAMPED)
 def test_the_clamp_takes_what_it_takes_in_cycles(name: str, tmp_path: Path) -> None:
     theirs = cycles_means(CLAMPED_ROOMS, name, tmp_path)
-    for renderer in ("OFF", "AUTO-AUTO"):
+    # Of three seeds a mean has ten times the noise with a cache, which `tests/engine/render/test_clamping.py` tests.
+    for renderer in ("OFF", "AUTO"):
         assert_same(name, means(CLAMPED_ROOMS, name, renderer, 3, tmp_path), theirs)
 
 

@@ -17,6 +17,7 @@ from benchmarks.stability_cases import Case, describe_case
 from engine.denoise import library
 from engine.denoise.filter import denoise
 from engine.render.session import Session
+from tests.helpers.some_cases import every
 
 pytestmark = pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise here")
 
@@ -114,7 +115,7 @@ def ratio_and_error(a: FloatArray, b: FloatArray) -> tuple[float, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", every(SCENES, 2))
 def test_denoised_pictures_are_no_worse_than_of_independent_pixels(scene: str) -> None:
     problems = []
     with opened(scene, (64, 48), guiding_method="OFF") as session:

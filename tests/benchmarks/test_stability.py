@@ -33,7 +33,7 @@ from engine.guiding.policy import sets
 from engine.methods import METHODS, SOURCES
 from engine.settings import RenderSettings
 from tests.helpers.kept_arrays import KeptArrays
-from tests.helpers.some_cases import has_all, some_of
+from tests.helpers.some_cases import every, has_all, some_of
 from tests.helpers.training import require_torch
 from tests.helpers.untrained_networks import BadNetwork, Untrained, ask
 
@@ -228,7 +228,7 @@ def test_statistical_methods_are_unbiased_in_every_case(name: str, references: R
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["SDTREE", "SDTREE_VARIANCE"])
+@pytest.mark.parametrize("method", every(["SDTREE_VARIANCE", "SDTREE"], 2))
 def test_trees_forced_on_many_reflections_are_unbiased(method: str, references: References) -> None:
     """What a vertex lost would be lost at each of them, and show in the product of their weights."""
     case = CASES["albedo"]
@@ -253,6 +253,7 @@ def test_networks_that_know_nothing_are_unbiased(
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize(
     ("name", "method"), list(zip(("keyhole", "colors", "thin", "late-caustic", "roughness-0.1"), NETWORKS, strict=True))
 )

@@ -14,6 +14,7 @@ from engine.guiding.records.vertices import allocate_vertex_records, compensate
 from engine.methods import SOURCES
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
+from tests.helpers.some_cases import every
 from tests.helpers.training import refuse_workers, require_torch
 from tests.helpers.untrained_networks import Untrained
 
@@ -115,7 +116,7 @@ def test_trees_are_used():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", NETWORK_SOURCES)
+@pytest.mark.parametrize("method", every(NETWORK_SOURCES, 2))
 def test_trained_networks_leave_the_mean_unchanged(method, plain):
     require_torch()
     training = {"deterministic": True, "training_steps": 16}

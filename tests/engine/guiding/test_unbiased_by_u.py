@@ -38,6 +38,7 @@ from engine.state.unit import ALL_STRATA
 from tests.helpers.placed_quads import steps, turned
 from tests.helpers.small_scenes import emitter_scene
 from tests.helpers.small_scenes import material as plain_material
+from tests.helpers.some_cases import every
 from tests.helpers.spectral_scenes import DISPERSION, IOR, diffuse, glass, material, scene, square, wedge
 from tests.helpers.untrained_networks import BadNetwork, Untrained, ask
 
@@ -193,20 +194,18 @@ def strata_reference() -> tuple[np.ndarray, ...]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "kind", "settings"),
-    [
-        ("VMM", "inverted", {"samples": 10240}),
-        ("NPM", "random", {"samples": 6144}),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                ("VMM", "random", {"use_nee": True, "samples": 2048}),
-                ("VMM", "NaN", {}),
-                ("NPM", "random", {"strata": PARTS}),
-                ("NEURAL_RIS", "random", {}),
-                ("NEURAL_RIS", "inverted", {"use_nee": True, "samples": 2048}),
-            )
-        ),
-    ],
+    every(
+        [
+            ("VMM", "inverted", {"samples": 10240}),
+            ("NPM", "random", {"samples": 6144}),
+            ("VMM", "random", {"use_nee": True, "samples": 2048}),
+            ("VMM", "NaN", {}),
+            ("NPM", "random", {"strata": PARTS}),
+            ("NEURAL_RIS", "random", {}),
+            ("NEURAL_RIS", "inverted", {"use_nee": True, "samples": 2048}),
+        ],
+        2,
+    ),
 )
 def test_every_stratum_of_time_has_its_mean(
     method: str, kind: str, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
@@ -276,11 +275,7 @@ def band_reference() -> tuple[np.ndarray, ...]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "kind"),
-    [
-        ("NEURAL_RIS", "random"),
-        ("VMM", "inverted"),
-        ("NPM", "random"),
-    ],
+    every([("NEURAL_RIS", "random"), ("VMM", "inverted"), ("NPM", "random")], 2),
 )
 def test_every_band_of_wavelengths_has_its_mean(method: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mislead(method, kind, monkeypatch)

@@ -18,6 +18,7 @@ from engine.guiding.policy.way import BOTH, MEDIA, SURFACES
 from engine.scene.description import Light, SceneDescription
 from tests.helpers.media_renders import is_mean, means_by_seed, picture, render
 from tests.helpers.media_scenes import media_scene, medium, placed, varying
+from tests.helpers.some_cases import every
 from tests.helpers.untrained_networks import Untrained
 
 pytestmark = pytest.mark.estimator
@@ -67,7 +68,7 @@ def test_the_furnace_stays_white_by_other_methods_and_where_fog_varies(method, v
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["NEURAL_RIS", "NPM", "NASG"])
+@pytest.mark.parametrize("method", every(["NEURAL_RIS", "NASG", "NPM"], 2))
 def test_the_furnace_stays_white_by_networks(method):
     means = means_by_seed(
         furnace(False), **guided(method, deterministic=True, candidate_allocation="FIXED", candidate_count=4)

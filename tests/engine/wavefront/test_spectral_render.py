@@ -25,6 +25,7 @@ from engine.scene.description import (
 )
 from engine.settings import RenderSettings
 from engine.spectral.observer import GRID, XYZ_TO_REC709, spectrum_to_rec709
+from tests.helpers.some_cases import every
 from tests.helpers.spectral_harness import blackbodies, iors, spectra, wavelengths_and_weights
 from tests.helpers.spectral_scenes import DISPERSION, IOR, diffuse, glass, material, scene, square, wedge
 from tests.helpers.untrained_networks import guess
@@ -137,14 +138,17 @@ def test_colours_multiply_by_wavelength(kind: str, use_nee: bool) -> None:
 
 @pytest.mark.parametrize(
     ("roughness", "kind", "method"),
-    [
-        (0.0, "Glass", "OFF"),
-        (0.4, "Glass", "OFF"),
-        (0.4, "Glass", "VMM"),
-        (0.4, "Glass", "VMM_RIS"),
-        (0.4, "Refraction", "OFF"),
-        (0.0, "Refraction", "OFF"),
-    ],
+    every(
+        [
+            (0.4, "Glass", "VMM_RIS"),
+            (0.4, "Glass", "OFF"),
+            (0.0, "Refraction", "OFF"),
+            (0.4, "Glass", "VMM"),
+            (0.0, "Glass", "OFF"),
+            (0.4, "Refraction", "OFF"),
+        ],
+        2,
+    ),
 )
 def test_dispersion_is_a_refractive_index_for_every_wavelength(roughness: float, kind: str, method: str) -> None:
     """By hero wavelengths in one render, and by many renders of one refractive index each."""
