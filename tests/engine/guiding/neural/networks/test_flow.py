@@ -568,8 +568,8 @@ def test_training_is_deterministic():
 @pytest.mark.slow
 @pytest.mark.parametrize("divergence_name", every(["CHI2", "KL"], 2))
 def test_the_papers_sizes_learn_the_product(divergence_name):
-    """1200 steps of 2048 records at the default rate: below 0.08 nats by most seeds. One batch can spoil a snapshot: six
-    seeds gave 0.03 to 0.09, with a median of 0.05.
+    """1200 steps of 2048 records at the default rate: below 0.08 nats by most seeds. One batch can spoil a snapshot:
+    six seeds gave 0.03 to 0.09, with a median of 0.05.
     """
     found = []
     for seed in (33, 34, 35):
