@@ -30,7 +30,7 @@ test: .venv/installed ## Run the tests, but for the slow ones
 	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m "not slow"
 
 slow: .venv/installed ## Run the slow tests: every scene beside Cycles, fresh installations
-	$(PYTHON) -m pytest -n $(JOBS) --dist worksteal -m slow
+	$(PYTHON) -m pytest -n $(JOBS) --dist loadscope -m slow
 
 # What depends on Python or on Blender is tested there: the add-on with its sessions, renders and processes, and nodes
 # beside Cycles. Training is not: see requirements-3.13.lock. Nor is Debian's Blender, which is a program of its own, nor

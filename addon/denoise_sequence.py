@@ -159,7 +159,10 @@ class SequenceDenoiser:
         frames = lru_cache(2 * self._reach + 1)(self._frames)
         for index, path in enumerate(self._paths):
             pictures = [
-                steady(lambda at, place=place: frames(at)[place], index, len(self), self._reach)  # type: ignore[misc]
+                steady(
+                    lambda at, place=place: frames(at)[place],  # type: ignore[misc]
+                    index, len(self), self._reach, threads=self._threads,
+                )
                 for place in range(len(self._layers))
             ]
             image, target = self._open(path), self._folder / path.name

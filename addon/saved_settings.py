@@ -82,12 +82,12 @@ def _move_animation() -> None:
 def _unsaid(scene: bpy.types.Scene) -> list[str]:
     """What a scene that has settings of ours does not say of those whose default is another now."""
     stored = _stored(scene)
-    # By what is stored, since a setting that is there no more tells as much.
-    if stored is None or not (
-        len(stored.get(EXPERIMENT, ())) > 0 or any(name not in (EXPERIMENT, "name") for name in stored.keys())
-    ):
+    if stored is None:
         return []
-    return [name for name in _SAID if name not in stored]
+    # By what is stored, since a setting that is there no more tells as much.
+    has_settings = any(name not in (EXPERIMENT, "name") for name in stored.keys())
+    has_experiments = len(stored.get(EXPERIMENT, ())) > 0
+    return [name for name in _SAID if name not in stored] if has_settings or has_experiments else []
 
 
 def _keep_pictures(scenes: Iterable[bpy.types.Scene]) -> None:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from tests.helpers import enough_time
+from tests.helpers import enough_time, in_order
 from tests.helpers.allowed_skips import is_allowed
 from tests.helpers.late_workers import wait_for_a_core
 
@@ -29,6 +29,11 @@ def pytest_configure() -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Cases of which there are many alike come last."""
     enough_time.put_last(items)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """By `--dist loadscope` tests begin in their order."""
+    return in_order.make_scheduler(config, log)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -31,7 +31,7 @@ def test_late_workers_begin_when_cores_are_free_and_no_test_is_lost(tmp_path: Pa
     (tmp_path / "test_some.py").write_text(SOME)
     log, free = tmp_path / "log", tmp_path / "free"
     log.touch()
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "worksteal", "-p", "tests.conftest"]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadscope", "-p", "tests.conftest"]
     command += ["--rootdir", str(tmp_path), "-p", "no:cacheprovider", "-c", os.devnull, str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), VARIABLE: str(free)}
     running = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)

@@ -11,13 +11,20 @@ import numpy as np
 from engine.denoise.motion import Places
 from engine.runtime.jit import kernel
 
-#: Pixels to each side of where the surface is that are looked at, and how many of them there are.
+#: Pixels to each side of where the surface is that are looked at, and how many shifts that makes.
 _REACH = 2
-_SHIFT_COUNT = (2 * _REACH + 1) ** 2
+_SIDE = 2 * _REACH + 1
+_SHIFT_COUNT = _SIDE * _SIDE
 #: What a pixel further from there has to be more alike by, per pixel: squared differences over what noise leaves.
 _PER_PIXEL = 1.0
 #: Rows that a thread takes at once.
 _BAND = 64
+
+
+@kernel
+def _shift_of(index):
+    """How many pixels down and to the right a shift is."""
+    return index // _SIDE - _REACH, index % _SIDE - _REACH
 
 
 @kernel
@@ -34,7 +41,7 @@ def _match_rows(picture, sharpness, other, rows, columns, first, last, costs, fo
     for row in range(first - 1, last + 1):
         if 0 <= row < height:
             for shift in range(_SHIFT_COUNT):
-                down, right = shift // (2 * _REACH + 1) - _REACH, shift % (2 * _REACH + 1) - _REACH
+                down, right = _shift_of(shift)
                 for column in range(width):
                     r = min(max(rows[row, column] + down, 0), height - 1)
                     c = min(max(columns[row, column] + right, 0), width - 1)
@@ -49,7 +56,7 @@ def _match_rows(picture, sharpness, other, rows, columns, first, last, costs, fo
         for column in range(width):
             least, best = np.inf, 0
             for shift in range(_SHIFT_COUNT):
-                down, right = shift // (2 * _REACH + 1) - _REACH, shift % (2 * _REACH + 1) - _REACH
+                down, right = _shift_of(shift)
                 total, count = 0.0, 0
                 for near in range(max(done - 1, 0), min(done + 2, height)):
                     for beside in range(max(column - 1, 0), min(column + 2, width)):
@@ -58,12 +65,14 @@ def _match_rows(picture, sharpness, other, rows, columns, first, last, costs, fo
                 cost = total / count + _PER_PIXEL * np.sqrt(np.float32(down * down + right * right))
                 if cost < least:
                     least, best = cost, shift
-            down, right = best // (2 * _REACH + 1) - _REACH, best % (2 * _REACH + 1) - _REACH
+            down, right = _shift_of(best)
             found_rows[done, column] = min(max(rows[done, column] + down, 0), height - 1)
             found_columns[done, column] = min(max(columns[done, column] + right, 0), width - 1)
 
 
-def most_alike(picture: np.ndarray, sharpness: np.ndarray, other: np.ndarray, places: Places) -> Places:
+def most_alike(
+    picture: np.ndarray, sharpness: np.ndarray, other: np.ndarray, places: Places, *, threads: int = 0
+) -> Places:
     """Near where another frame shows the surface of a pixel, the pixel around which it looks most alike.
 
     Parameters
@@ -74,6 +83,8 @@ def most_alike(picture: np.ndarray, sharpness: np.ndarray, other: np.ndarray, pl
         windows of 3 x 3; one more is what a pixel to the side is worth.
     places : (rows, columns), each int (height, width)
         Within `other`.
+    threads : int
+        0 = all.
 
     Returns
     -------
@@ -88,6 +99,6 @@ def most_alike(picture: np.ndarray, sharpness: np.ndarray, other: np.ndarray, pl
         costs = np.empty((3, _SHIFT_COUNT, width), np.float32)
         _match_rows(*images, rows, columns, first, min(first + _BAND, height), costs, *found)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
         list(pool.map(match, range(0, height, _BAND)))
     return found

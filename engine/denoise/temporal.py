@@ -193,7 +193,7 @@ def _what_it_shows(
     return moved, np.where(is_same, 1.0 / (1.0 + count * change), 0.0).astype(np.float32)
 
 
-def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int) -> np.ndarray:
+def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int, *, threads: int = 0) -> np.ndarray:
     """A frame's picture, averaged with what the frames around it show of the same.
 
     A pixel of another frame counts if motion vectors lead to it and back, if all around both moves alike, and if albedo
@@ -211,6 +211,8 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
         Of the frame, and how many there are.
     reach : int
         Frames to look at before and after.
+    threads : int
+        0 = all.
 
     Returns
     -------
@@ -224,7 +226,7 @@ def steady(frame_of: Callable[[int], Frame], index: int, count: int, reach: int)
         for sighting in follow(lambda number: frame_of(number).vectors, index, last, direction):
             other, places = frame_of(index + sighting.lag), sighting.places
             moved, weight = _what_it_shows(frame, other, sighting, places, 2 * reach)
-            places = most_alike(frame.picture, frame.sharpness, other.picture, places)
+            places = most_alike(frame.picture, frame.sharpness, other.picture, places, threads=threads)
             alike, its_weight = _what_it_shows(frame, other, sighting, places, 2 * reach)
             larger = np.maximum(weight, its_weight)
             shared = larger / np.maximum(weight + its_weight, np.float32(1e-30))

@@ -23,6 +23,22 @@ _TINY = 1e-30
 _DOUBT = 4.0
 
 
+def kept_share(
+    sure: np.ndarray | float, noise: np.ndarray | float, free_noise: np.ndarray | float
+) -> np.ndarray:
+    """How much is kept of what was measured: the Wiener weight, or all that brings no more than a free noise.
+
+    Parameters
+    ----------
+    sure : float
+        Square of what is surely there.
+    noise, free_noise : float
+        Variance of what was measured, and one that may come with it whatever it says.
+    """
+    free = np.minimum(free_noise / np.maximum(noise, _TINY), 1.0)
+    return np.asarray(np.maximum(sure / np.maximum(sure + noise, _TINY), free))
+
+
 def sure_mean(image: np.ndarray, mean: np.ndarray, noise: float, free_noise: float) -> np.ndarray:
     """The mean that the image is to have: the one that was measured, as far as that may be believed.
 
@@ -44,9 +60,7 @@ def sure_mean(image: np.ndarray, mean: np.ndarray, noise: float, free_noise: flo
     now = image.mean(axis=0, dtype=np.float64)
     change = mean - now
     sure = max(float(np.square(change).mean()) - _DOUBT * noise, 0.0)
-    free = free_noise * float(np.square(now).mean())
-    kept = 1.0 if noise <= 0.0 else max(sure / (sure + noise), min(free / noise, 1.0))
-    return np.asarray(now + kept * change)
+    return np.asarray(now + kept_share(sure, noise, free_noise * float(np.square(now).mean())) * change)
 
 
 def _spread(

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.guiding.models.kept_mean import sure_mean, with_mean
+from engine.guiding.models.kept_mean import kept_share, sure_mean, with_mean
 from engine.ris.orca import pixel_weights, sample_variance
 from engine.state.film import FilmTile
 
@@ -136,8 +136,7 @@ def _kept(
     of_noise = 2.0 * np.sqrt(_mean_around(of_pixel * of_pixel) / seen)
     sure = np.maximum(signal - _DOUBT * of_noise, 0.0)
     own = _mean_around(weighted[..., 0]) / np.maximum(_mean_around(weight[..., 0]), 1e-30)
-    free = np.minimum(_FREE_NOISE * own / np.maximum(noise, 1e-30), 1.0)
-    kept = np.maximum(sure / np.maximum(sure + noise, 1e-30), free)
+    kept = kept_share(sure, noise, _FREE_NOISE * own)
     return kept, signal, (1.0 - kept) ** 2 * sure
 
 

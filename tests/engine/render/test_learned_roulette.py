@@ -92,9 +92,10 @@ def test_one_sample_a_pixel_decides_nothing():
         settings = PIT | {"samples": samples}
         return [render("OFF", 1, **settings, roulette=by).passes["Combined"] for by in ("THROUGHPUT", "LEARNED")]
 
-    # Tasks are others, and so is the order in which a pixel's samples are added.
-    assert np.allclose(*pictures(4), rtol=1e-6)
-    assert not np.allclose(*pictures(8), rtol=1e-6)
+    assert np.array_equal(*pictures(3))
+    # Of more samples tasks are others, and so is the order in which a pixel's are added.
+    assert np.allclose(*pictures(4), rtol=1e-6, atol=0.0)
+    assert not np.allclose(*pictures(8), rtol=1e-3, atol=0.0)
 
 
 @pytest.mark.parametrize("least", [0.0, 1e9], ids=["guided", "given up"])
