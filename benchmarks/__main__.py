@@ -56,9 +56,14 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--no-nee", action="store_true", help="without light sampling (ours only); results go into OUT/no-nee"
     )
-    run.add_argument(
+    own = run.add_mutually_exclusive_group()
+    own.add_argument(
         "--isolate", action="store_true", help="a process for every render: honest memory and first-image figures"
     )
+    own.add_argument(
+        "--at-defaults", action="store_true",
+        help="with Blender's clamps, Filter Glossy and Light Threshold; results go into OUT/at-defaults",
+    )  # fmt: skip
     run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
     add_chart_commands(commands)
     papers = add(
@@ -146,6 +151,8 @@ def main(arguments: list[str] | None = None) -> int:
             settings = {"use_nee": False} if chosen.no_nee else {}
             if chosen.no_nee:
                 common["out"] = chosen.out / "no-nee"
+            if chosen.at_defaults:
+                common["out"] = common["out"] / "at-defaults"
             return (
                 1
                 if run(
@@ -155,6 +162,7 @@ def main(arguments: list[str] | None = None) -> int:
                     chosen.seeds,
                     references=chosen.references,
                     isolate=chosen.isolate,
+                    at_defaults=chosen.at_defaults,
                     first_seed=chosen.first_seed,
                     **common,
                 )

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.metrics import EPSILON, FloatArray, image_scale, reduce_error, seed_variance
+from benchmarks.metrics import EPSILON, FloatArray, flip, image_scale, reduce_error, seed_variance
 from benchmarks.report.collect import Batch, SceneResults, collect
 from benchmarks.rivals import denoised_label
 from benchmarks.tables import table
@@ -75,11 +75,15 @@ def _references(scene: SceneResults, among: Sequence[SceneResults]) -> tuple[Flo
 def _row(
     scene: SceneResults, batch: Batch, references: tuple[FloatArray, FloatArray]
 ) -> list[float | int | str | None]:
-    error = total_error([render.image for render in batch.renders], references)
+    images = [render.image for render in batch.renders]
+    error = total_error(images, references)
+    # The references' noise is in it.
+    truth = 0.5 * (references[0] + references[1])
     samples = float(np.median([render.record.samples for render in batch.renders]))
     return [
         scene.name, batch.rival, denoised_label(batch.rival), str(batch.budget), len(batch.renders), error.total,
-        error.variance, error.bias_squared, f"{error.difference:+.2%}", round(samples),
+        error.variance, error.bias_squared, f"{error.difference:+.2%}",
+        float(np.median([flip(image, truth) for image in images])), round(samples),
     ]
 
 
@@ -98,7 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    header = ["scene", "rival", "denoised", "budget", "seeds", "total", "variance", "bias^2", "mean", "samples"]
+    header = ["scene", "rival", "denoised", "budget", "seeds", "total", "variance", "bias^2", "mean", "FLIP", "samples"]
     print(table(header, rows))
     return 0
 

@@ -194,6 +194,14 @@ def test_a_process_for_every_render_gives_the_same_picture(tmp_path: Path) -> No
     assert record["peak_memory_mib"] > 50.0 and record["render_seconds"] > 0.0
 
 
+def test_blender_s_defaults_are_those_of_its_clamps(tmp_path: Path) -> None:
+    arguments = ["run", "builtin:film-box-filter", "--rivals", "cycles", "--samples", "1", "--seeds", "1"]
+    assert main([*arguments, "--pixels", "300", "--out", str(tmp_path), "--at-defaults"]) == 0
+    record_file = tmp_path / "at-defaults" / "film-box-filter" / "cycles_1spp_seed1.json"
+    record = json.loads(record_file.read_text(encoding="utf-8"))
+    assert record["light_paths"]["clamp_indirect"] == 10.0
+
+
 def test_bad_arguments_are_explained(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "builtin:nothing"]) == 2
     assert "no scene builtin:nothing" in capsys.readouterr().err
