@@ -38,7 +38,11 @@ def add_chart_commands(commands: Any) -> None:
     sweep.add_argument("--seconds", type=float, nargs="+", default=[], help="stop by time instead of samples")
     sweep.add_argument("--references", type=Path, help="folder that `reference` wrote; they set the size too")
     sweep.add_argument("--anew", action="store_true", help="render again what is there")
-    sweep.add_argument("--isolate", action="store_true", help="a process for every render: honest memory figures")
+    own = sweep.add_mutually_exclusive_group()
+    own.add_argument("--isolate", action="store_true", help="a process for every render: honest memory figures")
+    own.add_argument(
+        "--at-defaults", action="store_true", help="with Blender's clamps, Filter Glossy and Light Threshold"
+    )
     sweep.add_argument("--out", type=Path, default=Path("out/sweep"), help="folder for results (default: %(default)s)")
 
     reference = add("reference", "pictures to compare with, the mean of seeds; further calls add seeds")
@@ -114,6 +118,7 @@ def _run(chosen: argparse.Namespace, default_scenes: Sequence[str]) -> int:
 
     failures = sweep(
         sources, [find_rival(name) for name in chosen.rivals], budgets(chosen.samples, chosen.seconds), chosen.seeds,
-        out=chosen.out, references=chosen.references, resume=not chosen.anew, isolate=chosen.isolate, **size,
+        out=chosen.out, references=chosen.references, resume=not chosen.anew, isolate=chosen.isolate,
+        at_defaults=chosen.at_defaults, **size,
     )  # fmt: skip
     return 1 if failures else 0

@@ -60,7 +60,14 @@ def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, Floa
     return TotalError(total, variance, bias_squared, float(mean.mean() / truth.mean()) - 1.0)
 
 
-def _references(scene: SceneResults, among: Sequence[SceneResults]) -> tuple[FloatArray, FloatArray]:
+def two_references(scene: SceneResults, among: Sequence[SceneResults]) -> tuple[FloatArray, FloatArray]:
+    """The two renders of a scene that others are compared with.
+
+    Raises
+    ------
+    ValueError
+        If there are none of its size, not two, or of the seeds of what is to be compared.
+    """
     seeds = {render.record.seed for batch in scene.batches for render in batch.renders}
     for other in among:
         if (other.scene, other.width, other.height) == (scene.scene, scene.width, scene.height):
@@ -97,7 +104,7 @@ def main(arguments: list[str] | None = None) -> int:
         (scenes, _), (others, _) = collect(chosen.results), collect(chosen.references)
         rows = []
         for scene in scenes:
-            references = _references(scene, others)
+            references = two_references(scene, others)
             rows += [_row(scene, batch, references) for batch in scene.batches]
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -34,6 +34,7 @@ LOOKS = {
     "TABLE_RIS": Look(_GREEN, "P"),
     "NEURAL_RIS": Look(_SKY, "X"),
     "AUTO": Look(_OLIVE, "*"),
+    "AUTO-AUTO": Look(_RED, "*"),
     "SDTREE": Look(_PINK, "<", "--"),
     "SDTREE_VARIANCE": Look(_SKY, ">", "--"),
     "NPM": Look(_GREEN, "p", "--"),
