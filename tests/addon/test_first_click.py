@@ -51,6 +51,7 @@ def is_same(ours: PictureMeans, theirs: PictureMeans) -> bool:
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("name", LIMITS)
 def test_nothing_set_but_the_engine_is_cycles_picture(name: str, tmp_path: Path) -> None:
     assert is_same(*click(name, tmp_path, 4))

@@ -246,6 +246,7 @@ def test_a_run_without_light_sampling(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 def test_the_nasg_protocol_trains_its_networks(tmp_path: Path) -> None:
     arguments = ["papers", "nasg", *ARGUMENTS, "--seeds", "1", "--out", str(tmp_path)]
     # Training may be given up while kernels are compiled for the first time: asking again renders that one again.

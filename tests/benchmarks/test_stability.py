@@ -228,6 +228,7 @@ def test_statistical_methods_are_unbiased_in_every_case(name: str, references: R
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("method", every(["SDTREE_VARIANCE", "SDTREE"], 2))
 def test_trees_forced_on_many_reflections_are_unbiased(method: str, references: References) -> None:
     """What a vertex lost would be lost at each of them, and show in the product of their weights."""

@@ -33,7 +33,8 @@ class InOrder(LoadScopeScheduling):
 
 
 def units(tests: list[str]) -> dict[str, str]:
-    """With which others each test is run, by the name of the first of them."""
+    """With which others each test is run, by the name of the first of them. A file's are those that follow each other.
+    """
     unit_of = {}
     for _, of_file in groupby(tests, lambda test: test.partition("::")[0]):
         together = list(of_file)

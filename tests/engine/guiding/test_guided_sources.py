@@ -21,6 +21,7 @@ from tests.helpers.untrained_networks import Untrained
 SEEDS = 6
 NETWORK_SOURCES = [source.name for source in SOURCES.values() if source.is_network]
 TREES = ("SDTREE", "SDTREE_VARIANCE")
+LONG = (pytest.mark.slow, pytest.mark.one_of_many)
 LONGEST = {"samples": 63, "max_bounces": 12, "diffuse_bounces": 12, "guiding_trial": False}
 
 
@@ -62,7 +63,7 @@ def test_trees_leave_the_mean_unchanged(method, plain):
     check_mean(means(method), plain)
 
 
-@pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.slow), 20.0])
+@pytest.mark.parametrize("scale", [pytest.param(1.0, marks=LONG), 20.0])
 @pytest.mark.parametrize("method", NETWORK_SOURCES)
 def test_networks_that_know_nothing_leave_the_mean_unchanged(method, scale, plain, monkeypatch):
     monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, scale))
@@ -70,7 +71,7 @@ def test_networks_that_know_nothing_leave_the_mean_unchanged(method, scale, plai
     check_mean(means(method, network_selection=scale == 1.0 and method != "FLOW"), plain)
 
 
-@pytest.mark.parametrize("lobes", ["VMF", *(pytest.param(name, marks=pytest.mark.slow) for name in ("NASG", "SG"))])
+@pytest.mark.parametrize("lobes", ["VMF", *(pytest.param(name, marks=LONG) for name in ("NASG", "SG"))])
 def test_lobes_are_interchangeable(lobes, plain, monkeypatch):
     monkeypatch.setattr(sets, "make_source_model", lambda settings: Untrained(settings, 4.0))
     check_mean(means("NPM", mixture_lobes=lobes), plain)
@@ -116,6 +117,7 @@ def test_trees_are_used():
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("method", every(NETWORK_SOURCES, 2))
 def test_trained_networks_leave_the_mean_unchanged(method, plain):
     require_torch()

@@ -41,6 +41,7 @@ from tests.helpers.untrained_networks import BOUNDS, Untrained
 
 #: Kernels of wavelengths are kernels of their own, which take half a minute to compile.
 pytestmark = pytest.mark.slow
+ONE_OF_MANY = pytest.mark.one_of_many
 
 HEROES = (0.1, 0.6, 0.95)
 SHARES = ((0.25, 0.25, 0.25, 0.25), (1.0, 0.0, 0.0, 0.0), (0.1, 0.6, 0.0, 0.3))
@@ -231,9 +232,11 @@ def reference(roughness: float) -> list[np.ndarray]:
     ("roughness", "scale", "settings"),
     [
         (0.3, 4.0, {"guiding_method": "NPM", "mixture_u": "PLANES"}),
-        (0.3, 1.0, {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "network_selection": True}),
+        pytest.param(
+            0.3, 1.0, {"guiding_method": "NASG", "mixture_u": "FREQUENCY", "network_selection": True}, marks=ONE_OF_MANY
+        ),
         (0.0, 4.0, {"guiding_method": "NPM", "mixture_u": "FREQUENCY", "strata": 8}),
-        (0.3, 4.0, {**RESAMPLED, "mixture_u": "FREQUENCY"}),
+        pytest.param(0.3, 4.0, {**RESAMPLED, "mixture_u": "FREQUENCY"}, marks=ONE_OF_MANY),
     ],
 )
 def test_a_mixture_that_sees_the_wavelength_is_unbiased(
@@ -287,7 +290,7 @@ def groove() -> SceneDescription:
     return replace(description, frame=Frame(24, 16, (0, 0, 24, 16)))
 
 
-@pytest.mark.parametrize("guiding", [{"guiding_method": "NPM"}, RESAMPLED])
+@pytest.mark.parametrize("guiding", [{"guiding_method": "NPM"}, pytest.param(RESAMPLED, marks=ONE_OF_MANY)])
 def test_wavelengths_have_their_share_in_the_density_of_the_whole_path(
     guiding: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -299,7 +302,7 @@ def test_wavelengths_have_their_share_in_the_density_of_the_whole_path(
     assert not bias.is_biased and bias.detectable < 0.01, bias
 
 
-@pytest.mark.parametrize("dimension", ["NONE", "TIME"])
+@pytest.mark.parametrize("dimension", [pytest.param("NONE", marks=ONE_OF_MANY), "TIME"])
 def test_without_wavelengths_asked_for_the_guide_knows_none(
     dimension: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

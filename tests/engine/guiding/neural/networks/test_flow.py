@@ -566,6 +566,7 @@ def test_training_is_deterministic():
 
 
 @pytest.mark.slow
+@pytest.mark.one_of_many
 @pytest.mark.parametrize("divergence_name", every(["CHI2", "KL"], 2))
 def test_the_papers_sizes_learn_the_product(divergence_name):
     """1200 steps of 2048 records at the default rate: below 0.08 nats by most seeds. One batch can spoil a snapshot:
