@@ -91,6 +91,7 @@ from engine.wavefront.write_data import write_aovs, write_background_vectors, wr
 from engine.wavefront.write_denoising import write_denoising
 from engine.wavefront.write_features import write_features
 from engine.wavefront.write_guiding import write_guiding
+from engine.wavefront.write_motion import write_motion
 
 
 class Loop(NamedTuple):
@@ -210,6 +211,10 @@ def _aovs(loop: Loop) -> Any:
     return loop.scene.data.options.aov_width
 
 
+def _denoises_motion(loop: Loop) -> Any:
+    return loop.scene.data.options.denoises_motion
+
+
 def _is_guided(loop: Loop) -> bool:
     return loop.is_guided
 
@@ -270,6 +275,7 @@ _STAGES = (
     Stage(shade_emission, "shade_emission"),
     Stage(write_aovs, "write_features shade_background", _aovs),
     Stage(write_data, "write_features", _data),
+    Stage(write_motion, "write_features", _denoises_motion),
     Stage(write_features, "write_features", _FEATURES),
     Stage(write_denoising, "write_denoising", _DENOISING),
     Stage(write_colors, "split_light", _SPLITS_LIGHT),

@@ -285,6 +285,8 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
             stages.write_aovs(scene, unit, work, work.surface)
         if scene.data.options.is_used != 0:
             stages.write_data(scene, unit, work, work.surface)
+        if scene.data.options.backward_motion >= 0 or scene.data.options.specular_motion >= 0:
+            stages.write_motion(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
     if unit.header[UNIT_USE_DENOISING] != 0:
