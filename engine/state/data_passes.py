@@ -64,11 +64,6 @@ class DataOptions(NamedTuple):
         """Whether a pass asks how what is seen moves."""
         return max(self.vector, self.backward_motion, self.specular_motion) >= 0
 
-    @property
-    def denoises_motion(self) -> bool:
-        """Whether there is a pass of motion for denoisers."""
-        return max(self.backward_motion, self.specular_motion) >= 0
-
 
 @dataclass(frozen=True)
 class DataLayout:

@@ -285,8 +285,8 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
             stages.write_aovs(scene, unit, work, work.surface)
         if scene.data.options.is_used != 0:
             stages.write_data(scene, unit, work, work.surface)
-        if scene.data.options.backward_motion >= 0 or scene.data.options.specular_motion >= 0:
-            stages.write_motion(scene, unit, work, work.surface)
+        if scene.data.options.specular_motion >= 0:
+            stages.follow_reflections(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
     if unit.header[UNIT_USE_DENOISING] != 0:
@@ -413,6 +413,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if unit.header[UNIT_PREDICTS] != 0:
             stages.play_adjoint_roulette(scene, unit, radiance, work, work.surface)
             mark(clock, CLOCK.play_adjoint_roulette)
+        if scene.data.options.specular_motion >= 0 and unit.header[UNIT_USE_FEATURES] != 0:
+            stages.write_reflected_motion(scene, unit, work, work.surface)
+            mark(clock, CLOCK.write_features)
         if unit.header[UNIT_USES_CACHE] != 0:
             stages.end_in_cache(scene, unit, radiance, work, work.surface)
             mark(clock, CLOCK.end_in_cache)

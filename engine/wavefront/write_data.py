@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.kernels.mattes import add_matte
 from engine.kernels.pass_surface import is_pass_surface, mean_transparency
-from engine.kernels.pass_vectors import background_vectors, motion_vectors
+from engine.kernels.pass_vectors import background_vectors, backward_motion, motion_vectors
 from engine.kernels.shader.surface import fetch_attribute
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -94,6 +94,11 @@ def write_data(scene, unit, work, queue):
             for c in range(4):
                 film.data[pixel, options.vector + c] += vectors[c]
             film.data[pixel, options.vector + 4] += 1.0
+        if options.backward_motion >= 0:
+            motion = backward_motion(data, camera, geometry, instance, triangle, u, v, p)
+            if math.isfinite(motion[0] + motion[1] + motion[2]):
+                for c in range(3):
+                    film.data[pixel, options.backward_motion + c] += motion[c]
 
 
 @kernel

@@ -90,14 +90,14 @@ def test_backward_motion_is_that_of_cycles(scene: Any, tmp_path: Path) -> None:
     for name in BACKWARD:
         assert_alike(ours[name], theirs[name], name)
     assert not ours[BACKWARD[0]][0].any()
-    # Nothing here mirrors, and the passes know it.
-    for name in SPECULAR:
-        assert not ours[name].any() and not theirs[name].any(), name
+    # Nothing here mirrors but the panes, which pass for it as they let light through: few of their samples scatter.
+    name = SPECULAR[0]
+    assert_alike(ours[name], theirs[name], name, 0.3, 0.06)
+    assert 0.01 < theirs[name].mean() < 0.1
 
 
 @pytest.mark.parametrize("floor", [
     shiny((1.0, 1.0, 1.0), 0.0),
-    # Cycles' roulette ends some of these paths, and its pass lacks them.
     shiny((0.6, 0.5, 0.4), 0.1),
     shiny((0.9, 0.9, 0.9), 0.0, dull_share=0.3),
 ], ids=["mirror", "brushed", "varnish"])  # fmt: skip

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stage: motion for denoisers that look at the frame before. Runs only if it was asked for.
+"""Stages: motion of what mirrors show, for denoisers that look at the frame before. Run only if it was asked for.
 
-All as in Cycles: every surface that the camera sees counts, what lets light through and what is behind it alike, and so
-does what is seen in the first reflection. Paths go on behind surfaces that are mirrors for the most part.
+As in Cycles: what lies behind the first scattering counts, if that was a reflection at a surface that is a mirror for
+more than half, or is transparent in part.
 """
 
 import math
@@ -12,7 +12,7 @@ import numpy as np
 from engine.kernels.bsdf import add_albedo
 from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, FIRST_MICROFACET, LAST_MICROFACET, TRANSPARENT
 from engine.kernels.bsdf.portal import is_portal
-from engine.kernels.pass_vectors import backward_motion, reflected_motion
+from engine.kernels.pass_vectors import reflected_motion
 from engine.kernels.path import real_3
 from engine.kernels.vector import load, store
 from engine.runtime.jit import kernel
@@ -23,6 +23,7 @@ from engine.state.lanes import (
     POINT_U,
     POINT_V,
     POINT_WO,
+    RAY_ENDS,
     RAY_MOTION_DONE,
     RAY_REFLECT,
     RAY_SUBSURFACE,
@@ -75,36 +76,43 @@ def _goes_on(closures, tables, lane, wo, looks_up, scratch):
 
 
 @kernel
-def write_motion(scene, unit, work, queue):
-    """Add motion to the film of what shaded lanes have met, that the camera sees or sees reflected once.
+def follow_reflections(scene, unit, work, queue):
+    """Say which shaded lanes have met what shows nothing behind it, and nothing mirrored."""
+    options, tables = scene.data.options, scene.tables
+    paths, points, closures = work.paths, work.points, work.shaded
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] == 0 or paths.flags[lane] & (RAY_MOTION_DONE | RAY_SUBSURFACE):
+            continue
+        wo = real_3(points, lane, POINT_WO)
+        if paths.depth[lane] > 1 or not _goes_on(
+            closures, tables, lane, wo, options.looks_up_transmission, work.f_cos
+        ):
+            paths.flags[lane] |= RAY_MOTION_DONE
 
-    A reflection counts as often as plain sampling would have found it, so that no guide changes the pass.
+
+@kernel
+def write_reflected_motion(scene, unit, work, queue):
+    """Add the motion of what is seen in the first reflection to the film, before the radiance cache ends paths there.
+
+    It counts as often as plain sampling would have found it, so that no guide changes the pass.
     """
-    data, camera, geometry, tables = scene.data, scene.camera, scene.geometry, scene.tables
-    options, paths, points, closures, film = data.options, work.paths, work.points, work.shaded, unit.film
+    data, camera, geometry = scene.data, scene.camera, scene.geometry
+    first, paths, points, film = data.options.specular_motion, work.paths, work.points, unit.film
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         flags = paths.flags[lane]
-        if paths.alive[lane] == 0 or flags & (RAY_MOTION_DONE | RAY_SUBSURFACE):
+        if paths.depth[lane] != 1 or not flags & RAY_REFLECT or flags & (RAY_MOTION_DONE | RAY_SUBSURFACE | RAY_ENDS):
             continue
-        pixel = paths.pixel[lane]
-        instance, triangle = points.integer[lane, POINT_INSTANCE], points.integer[lane, POINT_TRIANGLE]
-        u, v, p = points.real[lane, POINT_U], points.real[lane, POINT_V], real_3(points, lane, POINT_P)
-        depth = paths.depth[lane]
-        if depth == 0:
-            if options.backward_motion >= 0:
-                motion = backward_motion(data, camera, geometry, instance, triangle, u, v, p)
-                if math.isfinite(motion[0] + motion[1] + motion[2]):
-                    for c in range(3):
-                        film.data[pixel, options.backward_motion + c] += motion[c]
-        elif depth == 1 and flags & RAY_REFLECT and options.specular_motion >= 0:
-            mirror, normal = load(paths.mis_origin, lane), load(paths.mis_normal, lane)
-            mirrored = reflected_motion(data, camera, geometry, instance, triangle, u, v, p, mirror, normal)
-            unguided = paths.unguided[lane]
-            if unguided > 0.0 and math.isfinite(mirrored[0] + mirrored[1]):
-                for c in range(2):
-                    film.data[pixel, options.specular_motion + c] += mirrored[c] / unguided
-        wo = real_3(points, lane, POINT_WO)
-        if depth > 1 or not _goes_on(closures, tables, lane, wo, options.looks_up_transmission, work.f_cos):
-            paths.flags[lane] = flags | RAY_MOTION_DONE
+        x, y = reflected_motion(
+            data, camera, geometry, points.integer[lane, POINT_INSTANCE], points.integer[lane, POINT_TRIANGLE],
+            points.real[lane, POINT_U], points.real[lane, POINT_V], real_3(points, lane, POINT_P),
+            load(paths.mis_origin, lane), load(paths.mis_normal, lane),
+        )
+        # Roulette has been played and not been settled yet.
+        share = paths.unguided_survival[lane] / (paths.survival[lane] * paths.unguided[lane])
+        if math.isfinite(share * (x + y)):
+            film.data[paths.pixel[lane], first] += share * x
+            film.data[paths.pixel[lane], first + 1] += share * y
