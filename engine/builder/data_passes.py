@@ -84,5 +84,6 @@ def _world_to_raster(camera: Camera, frame: Frame) -> np.ndarray:
 
 
 def _world_to_depth(camera: Camera, frame: Frame) -> np.ndarray:
-    """A row of `DataView.depths`."""
-    return camera_matrices(camera, frame)[CAMERA_WORLD_TO_CAMERA].astype(np.float64)[8:12]
+    """A row of `DataView.depths`; of panoramas along the camera's upward axis, as in Cycles, whose z that is."""
+    axis = 2 if camera.kind in ("PERSP", "ORTHO") else 1
+    return camera_matrices(camera, frame)[CAMERA_WORLD_TO_CAMERA, 4 * axis : 4 * axis + 4]

@@ -101,7 +101,8 @@ class DataView(Bundle):
     shape_rows : int32 (M,), first row in `shape_vertices` of a mesh whose shape changes, else -1
     shape_vertices : float32 (V, 3), object space; of each mesh all vertices before, then all after
     rasters : float32 (3, 12), world to homogeneous pixels now, before and after; of panoramas world to camera
-    depths : float32 (2, 4), world to distance along the camera's axis now and before [m]: direction, then its offset
+    depths : float32 (2, 4), world to distance along the camera's axis now and before [m]: direction, then its offset;
+        of panoramas along its upward axis
     """
 
     options: DataOptions

@@ -84,9 +84,9 @@ def _shade_background(stages, scene, unit, work):
         stages.show_background(scene, unit, work, work.missed)
     if scene.data.options.aov_width > 0 and unit.header[UNIT_USE_FEATURES] != 0:
         stages.write_aovs(scene, unit, work, work.missed)
-    if scene.data.options.background_moves != 0 and scene.data.options.vector >= 0:
-        if unit.header[UNIT_USE_FEATURES] != 0:
-            stages.write_background_vectors(scene, unit, work, work.missed)
+    moves = scene.data.options.background_moves != 0 and scene.data.options.vector >= 0
+    if unit.header[UNIT_USE_FEATURES] != 0 and (moves or scene.data.options.backward_motion >= 0):
+        stages.write_background_vectors(scene, unit, work, work.missed)
     if scene.header[SCENE_SHORTENS] != 0:
         stages.dim_background(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)

@@ -71,8 +71,8 @@ def mirror_scene(scene: Any, floor: Any) -> Any:
                       rotation=(1.3, 0.0, 0.0), size=1.5)
     keyframe(cube, "location", {0: (-1.6, 0.0, 1.5), 1: (-1.2, 0.0, 1.5), 2: (-1.1, 0.2, 1.6)})
     keyframe(pane, "location", {0: (1.6, 0.0, 1.5), 1: (1.6, 0.3, 1.7)})
-    keyframe(scene.camera, "location", {0: (-0.3, -7.0, 3.2), 1: (0.0, -7.0, 3.2), 2: (0.3, -6.8, 3.2)})
-    scene.camera.rotation_euler = (1.2, 0.0, 0.0)
+    keyframe(scene.camera, "location", {0: (-0.3, -7.3, 3.2), 1: (0.0, -7.0, 3.2), 2: (0.3, -6.8, 3.2)})
+    keyframe(scene.camera, "rotation_euler", {0: (1.18, 0.0, -0.03), 2: (1.22, 0.0, 0.03)})
     scene.frame_set(1)
     layer = scene.view_layers[0]
     ask_for_motion(layer)
@@ -80,8 +80,10 @@ def mirror_scene(scene: Any, floor: Any) -> Any:
 
 
 def test_backward_motion_is_that_of_cycles(scene: Any, tmp_path: Path) -> None:
-    """Of a moving camera, of what moves and swells, through panes, beside a holdout, and nothing before the sky."""
+    """Of a moving camera, of what moves and swells, through panes, beside a holdout, and the sky."""
     layer = busy_scene(scene)
+    keyframe(scene.camera, "rotation_euler", {0: (1.32, 0.02, -0.05), 2: (1.38, -0.02, 0.05)})
+    scene.frame_set(1)
     ask_for_motion(layer)
     layer.use_pass_vector = True
     (ours, _), (theirs, _) = render_both(scene, tmp_path, SAMPLES)
@@ -89,11 +91,11 @@ def test_backward_motion_is_that_of_cycles(scene: Any, tmp_path: Path) -> None:
         assert name in ours and name in theirs, name
     for name in BACKWARD:
         assert_alike(ours[name], theirs[name], name)
-    assert not ours[BACKWARD[0]][0].any()
+    # The sky goes by as the camera turns, which Vector has not in this Blender.
+    assert not theirs["ViewLayer.Vector.X"][0].any() and np.abs(ours[BACKWARD[0]][0]).min() > 0.5
     # Nothing here mirrors but the panes, which pass for it as they let light through: few of their samples scatter.
     name = SPECULAR[0]
-    assert_alike(ours[name], theirs[name], name, 0.3, 0.06)
-    assert 0.01 < theirs[name].mean() < 0.1
+    assert_alike(ours[name], theirs[name], name, 0.25, 0.05)
 
 
 @pytest.mark.parametrize("floor", [
@@ -112,12 +114,20 @@ def test_specular_motion_is_that_of_cycles(scene: Any, tmp_path: Path, floor: An
     assert np.abs(ours[SPECULAR[0]]).max() > 0.5
 
 
-def test_motion_of_panoramas(scene: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["PANO", "ORTHO", "ZOOM"])
+def test_motion_of_other_cameras(scene: Any, tmp_path: Path, kind: str) -> None:
+    """Before panoramas Cycles' depth is along the camera's upward axis."""
     mirror_scene(scene, shiny((1.0, 1.0, 1.0), 0.0))
     data = scene.camera.data
-    data.type, data.panorama_type = "PANO", "EQUIRECTANGULAR"
-    data.latitude_min = data.longitude_min = -0.5
-    data.latitude_max = data.longitude_max = 0.4
+    if kind == "ZOOM":
+        keyframe(data, "lens", {0: 45.0, 1: 50.0, 2: 60.0})
+        scene.frame_set(1)
+    elif kind == "ORTHO":
+        data.type, data.ortho_scale = "ORTHO", 6.0
+    else:
+        data.type, data.panorama_type = "PANO", "EQUIRECTANGULAR"
+        data.latitude_min = data.longitude_min = -0.5
+        data.latitude_max = data.longitude_max = 0.4
     (ours, _), (theirs, _) = render_both(scene, tmp_path, SAMPLES)
     for name in (*BACKWARD, *SPECULAR[:2]):
         assert_alike(ours[name], theirs[name], name)
