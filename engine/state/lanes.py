@@ -72,8 +72,7 @@ RAY_TRANSPARENT_BACKGROUND = 16384
 #: Set by the shader's evaluation only: emission wanted, nothing else.
 RAY_EMISSION = 32768
 RAY_PASSES_DONE = 65536  # passes of the first surface have been written
-#: The camera's ray has met a shadow catcher.
-RAY_CATCHER_HIT = 131072
+RAY_CATCHER_HIT = 131072  # the camera's ray has met a shadow catcher
 #: The ray starts on the triangle that its path has hit, in place, and skips it.
 RAY_STARTS_ON = 524288
 #: The lane's shadow ray starts and ends in place, and skips the triangles there.
