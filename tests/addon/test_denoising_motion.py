@@ -13,14 +13,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.motion_scenes import keyframe
-from tests.helpers.pass_scenes import (
-    add_object,
-    busy_scene,
-    make_material,
-    render_both,
-    render_passes,
-    see_through,
-)
+from tests.helpers.pass_scenes import add_object, busy_scene, make_material, render_both, see_through
 
 SAMPLES = 256
 BACKWARD = [f"ViewLayer.Denoising Backward Motion.{axis}" for axis in "XYZ"]
@@ -153,14 +146,3 @@ def test_motion_blur_leaves_no_such_passes(scene: Any, tmp_path: Path) -> None:
     scene.render.use_motion_blur = False
     layer.cycles.denoising_store_passes = False
     assert not any("Motion" in item.name for item in requested_passes(scene, layer))
-
-
-def test_guiding_leaves_motion_as_it_is(scene: Any, tmp_path: Path) -> None:
-    """Where a brushed floor is guided: its reflections are others, and count as often as they were."""
-    mirror_scene(scene, shiny((0.6, 0.5, 0.4), 0.3, dull_share=0.2))
-    scene.render.engine, scene.neuralguide.samples = "NEURALGUIDE", 4 * SAMPLES
-    images = []
-    for scene.neuralguide.guiding_method in ("OFF", "VMM"):
-        images.append(render_passes(scene, tmp_path / "motion.exr")[0])
-    for name in SPECULAR[:2]:
-        assert_alike(images[1][name], images[0][name], name, 0.1, 0.02)
