@@ -13,6 +13,7 @@ import numpy.typing as npt
 from engine.scene.pass_names import aov_pass, matte_passes
 
 from .denoise_over_time import needs_passes
+from .denoising_motion import has_motion
 from .shared_settings import layer_is_denoised, setting_value
 from .versions import RENAMED_PASSES, is_since
 
@@ -39,6 +40,11 @@ DENOISING = (
     RenderPass("Denoising Normal", "Denoising Normal", "XYZ", "VECTOR"),
     RenderPass("Denoising Albedo", "Denoising Albedo", "RGB", "COLOR"),
     RenderPass("Denoising Depth", "Denoising Depth", "Z", "VALUE"),
+)
+#: What Cycles' Motion among Denoising Data asks for, from Blender 5.3 on.
+DENOISING_MOTION = (
+    RenderPass("Denoising Backward Motion", "Denoising Backward Motion", "XYZ", "VECTOR"),
+    RenderPass("Denoising Specular Motion", "Denoising Specular Motion", "XYZ", "VECTOR"),
 )
 
 #: (property of the view layer, is it ours or Blender's, pass)
@@ -107,6 +113,8 @@ def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) ->
     over_time = needs_passes(scene, view_layer)
     if over_time or getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
         yield from DENOISING
+    if has_motion(scene, view_layer):
+        yield from DENOISING_MOTION
     ours = view_layer.neuralguide
     for switch, is_ours, render_pass in OPTIONAL:
         if getattr(ours if is_ours else view_layer, switch, False) or (over_time and switch == "use_pass_vector"):
@@ -191,7 +199,6 @@ UNSUPPORTED_CYCLES = {
     "use_pass_volume_transmit": "Volume Transmit",
     "use_pass_volume_majorant": "Volume Majorant",
     "pass_render_time": "Render Time",
-    "denoising_store_motion_passes": "Denoising Backward Motion and Denoising Specular Motion",
 }
 
 

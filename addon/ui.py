@@ -263,6 +263,10 @@ class NEURALGUIDE_PT_passes(RenderPanel, bpy.types.Panel):  # noqa: N801
         vector.prop(layer, "use_pass_vector", text="Vector")
         if hasattr(layer, "cycles"):
             data.prop(layer.cycles, "denoising_store_passes", text="Denoising Data")
+        if hasattr(getattr(layer, "cycles", None), "denoising_store_motion_passes"):
+            motion = data.column()
+            motion.active = layer.cycles.denoising_store_passes and not context.scene.render.use_motion_blur
+            motion.prop(layer.cycles, "denoising_store_motion_passes", text="Denoising Motion")
         column.prop(layer, "pass_alpha_threshold")
         for lobes in ("diffuse", "glossy", "transmission"):
             light = column.column(heading=lobes.capitalize(), align=True)

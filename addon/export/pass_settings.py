@@ -6,6 +6,7 @@ from __future__ import annotations
 from engine.scene.passes import Aov, PassSettings
 
 from ..denoise_over_time import needs_passes
+from ..denoising_motion import asks_for_motion, has_motion
 from ..versions import BACKGROUND_VECTORS, LOOKED_UP_TRANSMISSION, is_newer, is_since
 from .context import ExportContext
 from .world import world_of
@@ -21,11 +22,14 @@ def read_requests(context: ExportContext) -> None:
     context.wants_assets = layer.use_pass_cryptomatte_asset
     # Viewports have no passes, and stay at their frame.
     is_final = context.depsgraph.mode == "RENDER"
-    is_asked = layer.use_pass_vector or needs_passes(context.scene, layer)
+    is_asked = layer.use_pass_vector or needs_passes(context.scene, layer) or has_motion(context.scene, layer)
     context.wants_vectors = is_final and is_asked and not context.is_blurred
     if layer.use_pass_vector and context.is_blurred:
         problem = "has a Vector pass, which is empty where there is motion blur"
         context.notice(f"View layer {layer.name}", problem, "zeros, as in Cycles")
+    if asks_for_motion(layer) and not has_motion(context.scene, layer):
+        problem = "asks for motion for denoisers, which there is not where there is motion blur"
+        context.notice(f"View layer {layer.name}", problem, "no such passes, as in Cycles")
 
 
 def export_pass_settings(context: ExportContext) -> PassSettings:

@@ -14,7 +14,7 @@ from engine.scene.cryptomatte import matte_ids
 from engine.scene.description import Camera, Frame, SceneDescription
 from engine.scene.passes import PassMotion
 from engine.state.data_passes import DataOptions, DataView, no_data
-from engine.state.shaders import CAMERA_WORLD_TO_NDC
+from engine.state.shaders import CAMERA_WORLD_TO_CAMERA, CAMERA_WORLD_TO_NDC
 
 #: What Cycles calls the material of faces that have none.
 _DEFAULT_MATERIAL = "default_surface"
@@ -32,13 +32,13 @@ def build_data_view(scene: Scene, options: DataOptions) -> DataView:
     if options.material_mattes >= 0:
         names = [material.name for material in description.materials]
         view = view._replace(program_ids=matte_ids([*names, _DEFAULT_MATERIAL]))
-    if options.vector >= 0:
+    if options.knows_motion:
         view = view._replace(**_motion_arrays(description))
     return view
 
 
 def _motion_arrays(description: SceneDescription) -> dict[str, np.ndarray]:
-    """Fields of `DataView` by which motion vectors are made."""
+    """Fields of `DataView` by which motion vectors, and motion for denoisers, are made."""
     motion, instances = description.passes.motion or PassMotion(), description.instances
     shape_rows = np.full(max(len(description.meshes), 1), -1, np.int32)
     vertices: list[Float32Array] = []
@@ -71,6 +71,7 @@ def _motion_arrays(description: SceneDescription) -> dict[str, np.ndarray]:
         "shape_rows": shape_rows,
         "shape_vertices": np.concatenate([np.zeros((0, 3), np.float32), *vertices]).astype(np.float32),
         "rasters": np.array(rasters, np.float32).reshape(3, 12),
+        "depths": np.array([_world_to_depth(camera, description.frame) for camera in cameras[:2]], np.float32),
     }
 
 
@@ -80,3 +81,9 @@ def _world_to_raster(camera: Camera, frame: Frame) -> np.ndarray:
         return np.linalg.inv(np.asarray(camera.transform, np.float64))[:3].ravel()
     window = camera_matrices(camera, frame)[CAMERA_WORLD_TO_NDC, :12].astype(np.float64)
     return (window.reshape(3, 4) * np.array([[frame.width], [frame.height], [1.0]])).ravel()
+
+
+def _world_to_depth(camera: Camera, frame: Frame) -> np.ndarray:
+    """A row of `DataView.depths`; of panoramas along the camera's upward axis, as in Cycles, whose z that is."""
+    axis = 2 if camera.kind in ("PERSP", "ORTHO") else 1
+    return camera_matrices(camera, frame)[CAMERA_WORLD_TO_CAMERA, 4 * axis : 4 * axis + 4]

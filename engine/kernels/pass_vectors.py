@@ -4,7 +4,7 @@
 import numpy as np
 
 from engine.kernels.panorama import panorama_position
-from engine.kernels.vector import load, normalize, transform_direction, transform_point
+from engine.kernels.vector import dot, load, normalize, scale, subtract, transform_direction, transform_point
 from engine.runtime.jit import kernel
 from engine.state.camera import (
     CAMERA_KIND,
@@ -124,3 +124,53 @@ def background_vectors(data, camera, d):
     before_x, before_y = _direction_on_image(data, camera, RASTER_BEFORE, d)
     after_x, after_y = _direction_on_image(data, camera, RASTER_AFTER, d)
     return before_x - now_x, before_y - now_y, now_x - after_x, now_y - after_y
+
+
+@kernel
+def _depth(data, row, p):
+    """How far a point of the world is along the axis of the camera of row `row` [m]."""
+    depths = data.depths
+    return depths[row, 0] * p[0] + depths[row, 1] * p[1] + depths[row, 2] * p[2] + depths[row, 3]
+
+
+@kernel
+def backward_motion(data, camera, geometry, instance, triangle, u, v, p):
+    """Where what is seen at `p` was in the frame before, as temporal denoisers ask for it.
+
+    Returns
+    -------
+    x, y from where it is to where it was [pixels]; how much deeper it was [m]
+    """
+    p = _seen_at(geometry, instance, triangle, u, p)
+    before = _elsewhen(data, geometry, instance, triangle, u, v, p, 0)
+    now_x, now_y = _on_image(data, camera, RASTER_NOW, p)
+    before_x, before_y = _on_image(data, camera, RASTER_BEFORE, before)
+    depth = _depth(data, RASTER_BEFORE, before) - _depth(data, RASTER_NOW, p)
+    return before_x - now_x, before_y - now_y, depth
+
+
+@kernel
+def _behind_mirror(mirror, normal, p):
+    """Where a flat mirror at a point of it, with this unit normal, shows `p`."""
+    return subtract(p, scale(normal, 2.0 * dot(normal, subtract(p, mirror))))
+
+
+@kernel
+def reflected_motion(data, camera, geometry, instance, triangle, u, v, p, mirror, normal):
+    """Where the mirror image of what is at `p` was in the frame before, as Cycles has it: the mirror is flat and stands
+    still.
+
+    Parameters
+    ----------
+    mirror, normal : tuple of 3 float32, world [m] and unit
+        Where the camera's ray was reflected.
+
+    Returns
+    -------
+    x, y from where it is to where it was [pixels]
+    """
+    p = _seen_at(geometry, instance, triangle, u, p)
+    before = _elsewhen(data, geometry, instance, triangle, u, v, p, 0)
+    now_x, now_y = _on_image(data, camera, RASTER_NOW, _behind_mirror(mirror, normal, p))
+    before_x, before_y = _on_image(data, camera, RASTER_BEFORE, _behind_mirror(mirror, normal, before))
+    return before_x - now_x, before_y - now_y

@@ -11,9 +11,19 @@ import numpy as np
 from engine.scene.pass_names import MATTE_KINDS, PAIRS, aov_pass, matte_passes
 from engine.scene.passes import PassSettings
 from engine.shaders.aov_columns import COLOR_WIDTH, VALUE_WIDTH, aov_columns, aov_width
-from engine.state.data_passes import MIST_WIDTH, UV_WIDTH, VECTOR_WIDTH, DataLayout, DataOptions
+from engine.state.data_passes import (
+    BACKWARD_MOTION_WIDTH,
+    MIST_WIDTH,
+    SPECULAR_MOTION_WIDTH,
+    UV_WIDTH,
+    VECTOR_WIDTH,
+    DataLayout,
+    DataOptions,
+)
 
-DATA_PASSES = ("Mist", "UV", "Vector")
+BACKWARD_MOTION = "Denoising Backward Motion"
+SPECULAR_MOTION = "Denoising Specular Motion"
+DATA_PASSES = ("Mist", "UV", "Vector", BACKWARD_MOTION, SPECULAR_MOTION)
 _MATTE_NAME = re.compile(f"({'|'.join(MATTE_KINDS)})([0-9]{{2}})")
 
 
@@ -44,7 +54,8 @@ def data_images(
     -------
     dict of float32 (height, width, channels)
         Mist from 0 to 1; UV and whether there is any; Vector [pixels] to the frame before and from the frame after,
-        mean of the samples that have one; colours of AOVs with the share of samples that have one as alpha.
+        mean of the samples that have one; Denoising Backward Motion [pixels, pixels, m] and Denoising Specular Motion
+        [pixels, pixels, 0], mean of all samples; colours of AOVs with the share of samples that have one as alpha.
     """
     images: dict[str, np.ndarray] = {}
     options = layout.options
@@ -57,6 +68,13 @@ def data_images(
     if options.vector >= 0 and "Vector" in names:
         sums = data[:, options.vector : options.vector + VECTOR_WIDTH]
         images["Vector"] = sums[:, :-1] / np.maximum(sums[:, -1:], np.float32(1e-30))
+    if options.backward_motion >= 0 and BACKWARD_MOTION in names:
+        first = options.backward_motion
+        images[BACKWARD_MOTION] = data[:, first : first + BACKWARD_MOTION_WIDTH] * scale
+    if options.specular_motion >= 0 and SPECULAR_MOTION in names:
+        first = options.specular_motion
+        # Blender's pass has three channels, of which Cycles fills two.
+        images[SPECULAR_MOTION] = np.pad(data[:, first : first + SPECULAR_MOTION_WIDTH] * scale, ((0, 0), (0, 1)))
     for name, first, width in layout.aovs:
         if name in names:
             images[name] = data[:, first : first + width] * scale
@@ -95,6 +113,8 @@ def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
     place("mist", MIST_WIDTH, "Mist" in names)
     place("uv", UV_WIDTH, "UV" in names)
     place("vector", VECTOR_WIDTH, "Vector" in names)
+    place("backward_motion", BACKWARD_MOTION_WIDTH, BACKWARD_MOTION in names)
+    place("specular_motion", SPECULAR_MOTION_WIDTH, SPECULAR_MOTION in names)
     place("aov", aov_width(settings.aovs), True)
     passes_by_kind: dict[str, int] = {}
     for name in names:

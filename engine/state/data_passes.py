@@ -15,12 +15,14 @@ from engine.runtime.bundle import Bundle
 MIST_WIDTH = 1
 UV_WIDTH = 3
 VECTOR_WIDTH = 5
+BACKWARD_MOTION_WIDTH = 3
+SPECULAR_MOTION_WIDTH = 2
 
 # Columns of DataView.instance_ids
 ID_OBJECT = 0
 ID_ASSET = 1
 
-# Rows of DataView.rasters
+# Rows of DataView.rasters, the first two of DataView.depths too
 RASTER_NOW = 0
 RASTER_BEFORE = 1
 RASTER_AFTER = 2
@@ -29,14 +31,16 @@ RASTER_AFTER = 2
 class DataOptions(NamedTuple):
     """Which passes of data there are, and their settings.
 
-    `mist`, `uv`, `vector` and `aov` are first columns of `FilmTile.data`, `object_mattes` and its kind first slots of
-    `FilmTile.mattes`; -1: not asked for.
+    `mist`, `uv`, `vector`, `backward_motion`, `specular_motion` and `aov` are first columns of `FilmTile.data`,
+    `object_mattes` and its kind first slots of `FilmTile.mattes`; -1: not asked for.
     """
 
     is_used: int = 0
     mist: int = -1
     uv: int = -1
     vector: int = -1
+    backward_motion: int = -1
+    specular_motion: int = -1
     aov: int = -1
     #: Columns of all AOVs.
     aov_width: int = 0
@@ -54,6 +58,11 @@ class DataOptions(NamedTuple):
     background_moves: int = 0
     #: Whether the albedo of what rough glass lets through is looked up: `engine.kernels.bsdf.energy.albedo_blends`.
     looks_up_transmission: int = 0
+
+    @property
+    def knows_motion(self) -> bool:
+        """Whether a pass asks how what is seen moves."""
+        return max(self.vector, self.backward_motion, self.specular_motion) >= 0
 
 
 @dataclass(frozen=True)
@@ -92,6 +101,8 @@ class DataView(Bundle):
     shape_rows : int32 (M,), first row in `shape_vertices` of a mesh whose shape changes, else -1
     shape_vertices : float32 (V, 3), object space; of each mesh all vertices before, then all after
     rasters : float32 (3, 12), world to homogeneous pixels now, before and after; of panoramas world to camera
+    depths : float32 (2, 4), world to distance along the camera's axis now and before [m]: direction, then its offset;
+        of panoramas along its upward axis
     """
 
     options: DataOptions
@@ -102,6 +113,7 @@ class DataView(Bundle):
     shape_rows: Int32Array
     shape_vertices: Float32Array
     rasters: Float32Array
+    depths: Float32Array
 
 
 def no_data(alpha_threshold: float = 0.5) -> DataView:
@@ -115,4 +127,5 @@ def no_data(alpha_threshold: float = 0.5) -> DataView:
         shape_rows=np.zeros(0, np.int32),
         shape_vertices=np.zeros((0, 3), np.float32),
         rasters=np.zeros((3, 12), np.float32),
+        depths=np.zeros((2, 4), np.float32),
     )

@@ -72,13 +72,13 @@ RAY_TRANSPARENT_BACKGROUND = 16384
 #: Set by the shader's evaluation only: emission wanted, nothing else.
 RAY_EMISSION = 32768
 RAY_PASSES_DONE = 65536  # passes of the first surface have been written
-#: The camera's ray has met a shadow catcher.
-RAY_CATCHER_HIT = 131072
+RAY_CATCHER_HIT = 131072  # the camera's ray has met a shadow catcher
 #: The ray starts on the triangle that its path has hit, in place, and skips it.
 RAY_STARTS_ON = 524288
 #: The lane's shadow ray starts and ends in place, and skips the triangles there.
 RAY_SHADOW_IN_PLACE = 1048576
 RAY_SUBSURFACE = 2097152  # the path's hit is where it comes out from below a surface: diffuse, seen from outside
+RAY_MOTION_DONE = 4194304  # what the path meets next is not seen in a mirror, for the pass of its motion
 RAY_TREE_SHIFT, RAY_TREE_MASK = 24, 63 << 24  # light tree of what has scattered the ray (kernels.lights.linking)
 
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer

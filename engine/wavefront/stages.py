@@ -53,6 +53,7 @@ from engine.wavefront.draw_candidates import draw_candidates
 from engine.wavefront.end_in_cache import end_in_cache, follow_collisions, follow_footprints
 from engine.wavefront.enter_portals import enter_portals
 from engine.wavefront.evaluate_shaders import evaluate_shaders
+from engine.wavefront.follow_reflections import follow_reflections, write_reflected_motion
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
@@ -210,6 +211,10 @@ def _aovs(loop: Loop) -> Any:
     return loop.scene.data.options.aov_width
 
 
+def _reflects_motion(loop: Loop) -> Any:
+    return loop.scene.data.options.specular_motion >= 0
+
+
 def _is_guided(loop: Loop) -> bool:
     return loop.is_guided
 
@@ -249,6 +254,7 @@ _STAGES = (
     Stage(prepare_surface, "prepare_surface"),
     Stage(prepare_rounds, "prepare_surface", _ROUNDS),
     Stage(play_adjoint_roulette, "play_adjoint_roulette", lambda loop: loop.predicts, _radiance),
+    Stage(write_reflected_motion, "write_features", _reflects_motion),
     Stage(end_in_cache, "end_in_cache", _uses_cache, _radiance),
     Stage(fill_background, "catch_shadows shade_background", _CONSTANT_WORLD),
     Stage(prepare_background, "catch_shadows shade_background", _not(_CONSTANT_WORLD)),
@@ -270,6 +276,7 @@ _STAGES = (
     Stage(shade_emission, "shade_emission"),
     Stage(write_aovs, "write_features shade_background", _aovs),
     Stage(write_data, "write_features", _data),
+    Stage(follow_reflections, "write_features", _reflects_motion),
     Stage(write_features, "write_features", _FEATURES),
     Stage(write_denoising, "write_denoising", _DENOISING),
     Stage(write_colors, "split_light", _SPLITS_LIGHT),

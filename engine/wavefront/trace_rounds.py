@@ -84,9 +84,9 @@ def _shade_background(stages, scene, unit, work):
         stages.show_background(scene, unit, work, work.missed)
     if scene.data.options.aov_width > 0 and unit.header[UNIT_USE_FEATURES] != 0:
         stages.write_aovs(scene, unit, work, work.missed)
-    if scene.data.options.background_moves != 0 and scene.data.options.vector >= 0:
-        if unit.header[UNIT_USE_FEATURES] != 0:
-            stages.write_background_vectors(scene, unit, work, work.missed)
+    moves = scene.data.options.background_moves != 0 and scene.data.options.vector >= 0
+    if unit.header[UNIT_USE_FEATURES] != 0 and (moves or scene.data.options.backward_motion >= 0):
+        stages.write_background_vectors(scene, unit, work, work.missed)
     if scene.header[SCENE_SHORTENS] != 0:
         stages.dim_background(scene, unit, work, work.missed)
     stages.shade_background(scene, unit, work, work.missed)
@@ -285,6 +285,8 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
             stages.write_aovs(scene, unit, work, work.surface)
         if scene.data.options.is_used != 0:
             stages.write_data(scene, unit, work, work.surface)
+        if scene.data.options.specular_motion >= 0:
+            stages.follow_reflections(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)
     if unit.header[UNIT_USE_DENOISING] != 0:
@@ -370,6 +372,23 @@ def _trace_paths(stages, scene, unit, work):
 
 
 @kernel
+def _end_early(stages, scene, unit, radiance, work):
+    """End paths at what they have met, before it is shaded: by roulette that looks there, and by the radiance cache.
+
+    What mirrors show counts all the same.
+    """
+    if unit.header[UNIT_PREDICTS] != 0:
+        stages.play_adjoint_roulette(scene, unit, radiance, work, work.surface)
+        mark(work.clock, CLOCK.play_adjoint_roulette)
+    if scene.data.options.specular_motion >= 0 and unit.header[UNIT_USE_FEATURES] != 0:
+        stages.write_reflected_motion(scene, unit, work, work.surface)
+        mark(work.clock, CLOCK.write_features)
+    if unit.header[UNIT_USES_CACHE] != 0:
+        stages.end_in_cache(scene, unit, radiance, work, work.surface)
+        mark(work.clock, CLOCK.end_in_cache)
+
+
+@kernel
 def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
     """Trace all paths of a unit.
 
@@ -408,12 +427,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if unit.header[UNIT_CATCHES] != 0:
             _catch_shadows(stages, scene, unit, work)
         _prepare_surfaces(stages, scene, unit, work)
-        if unit.header[UNIT_PREDICTS] != 0:
-            stages.play_adjoint_roulette(scene, unit, radiance, work, work.surface)
-            mark(clock, CLOCK.play_adjoint_roulette)
-        if unit.header[UNIT_USES_CACHE] != 0:
-            stages.end_in_cache(scene, unit, radiance, work, work.surface)
-            mark(clock, CLOCK.end_in_cache)
+        _end_early(stages, scene, unit, radiance, work)
         if work.missed.count[0] > 0:
             _shade_background(stages, scene, unit, work)
         _shade_surfaces(stages, scene, unit, guidance, work)

@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.kernels.mattes import add_matte
 from engine.kernels.pass_surface import is_pass_surface, mean_transparency
-from engine.kernels.pass_vectors import background_vectors, motion_vectors
+from engine.kernels.pass_vectors import background_vectors, backward_motion, motion_vectors
 from engine.kernels.shader.surface import fetch_attribute
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -94,11 +94,17 @@ def write_data(scene, unit, work, queue):
             for c in range(4):
                 film.data[pixel, options.vector + c] += vectors[c]
             film.data[pixel, options.vector + 4] += 1.0
+        if options.backward_motion >= 0:
+            motion = backward_motion(data, camera, geometry, instance, triangle, u, v, p)
+            if math.isfinite(motion[0] + motion[1] + motion[2]):
+                for c in range(3):
+                    film.data[pixel, options.backward_motion + c] += motion[c]
 
 
 @kernel
 def write_background_vectors(scene, unit, work, queue):
-    """Add motion vectors of the background to the film, of lanes that no surface has stopped.
+    """Add motion of the background to the film, of lanes that no surface has stopped: vectors where Blender's version
+    has some, and backward motion.
 
     Parameters
     ----------
@@ -106,7 +112,8 @@ def write_background_vectors(scene, unit, work, queue):
         `work.missed`.
     """
     data, camera = scene.data, scene.camera
-    first, paths, film = data.options.vector, work.paths, unit.film
+    options, paths, film = data.options, work.paths, unit.film
+    has_vectors = options.background_moves != 0 and options.vector >= 0
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -114,9 +121,14 @@ def write_background_vectors(scene, unit, work, queue):
         if flags & RAY_PASSES_DONE or not flags & RAY_TRANSPARENT_BACKGROUND:
             continue
         vectors = background_vectors(data, camera, load(paths.direction, lane))
-        for c in range(4):
-            film.data[paths.pixel[lane], first + c] += vectors[c]
-        film.data[paths.pixel[lane], first + 4] += 1.0
+        pixel = paths.pixel[lane]
+        if has_vectors:
+            for c in range(4):
+                film.data[pixel, options.vector + c] += vectors[c]
+            film.data[pixel, options.vector + 4] += 1.0
+        if options.backward_motion >= 0:
+            film.data[pixel, options.backward_motion] += vectors[0]
+            film.data[pixel, options.backward_motion + 1] += vectors[1]
 
 
 @kernel

@@ -299,6 +299,8 @@ def test_every_pass_that_can_be_written_has_a_box(blender: Any) -> None:
         (layer, [*passes.LIGHT, *(name for name, is_ours, _ in passes.OPTIONAL if not is_ours)]),
         (layer.neuralguide, [name for name, is_ours, _ in passes.OPTIONAL if is_ours]),
         (layer.cycles, [*passes.CYCLES_LIGHT, "denoising_store_passes"]),
+        # From Blender 5.3 on.
+        (layer.cycles, [name for name in ("denoising_store_motion_passes",) if hasattr(layer.cycles, name)]),
         (layer, [name for name, _ in passes.MATTES]),
     ):
         assert not [name for name in switches if (owner, name) not in drawn]

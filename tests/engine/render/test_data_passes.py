@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.render.data_passes import data_layout
+from engine.render.data_passes import data_images, data_layout
 from engine.render.film import Film
 from engine.render.session import Session
 from engine.render.strata import StrataFilm
@@ -41,6 +41,20 @@ def test_passes_get_columns_and_slots_of_their_own():
     assert (options.object_mattes, options.material_mattes, options.asset_mattes) == (0, 4, -1)
     assert (options.matte_slots, data.matte_count) == (4, 8)
     assert not data_layout(["Depth"], PassSettings()).options.is_used
+
+
+def test_motion_for_denoisers_is_a_mean_of_all_samples():
+    names = ["Denoising Backward Motion", "Denoising Specular Motion"]
+    layout = data_layout(["Vector", *names], PassSettings())
+    assert (layout.options.vector, layout.options.backward_motion, layout.options.specular_motion) == (0, 5, 8)
+    # One sample of four has met something.
+    sums = np.zeros((1, layout.width), np.float32)
+    sums[0] = (3.0, 4.0, 0.0, 0.0, 1.0, 3.0, 4.0, 8.0, 2.0, -2.0)
+    mattes, scale = np.zeros((1, 0, 2), np.float32), np.full((1, 1), 0.25, np.float32)
+    images = data_images(layout, sums, mattes, scale, (1, 1), ["Vector", *names])
+    np.testing.assert_array_equal(images["Vector"][0, 0], (3.0, 4.0, 0.0, 0.0))
+    np.testing.assert_array_equal(images[names[0]][0, 0], (0.75, 1.0, 2.0))
+    np.testing.assert_array_equal(images[names[1]][0, 0], (0.5, -0.5, 0.0))
 
 
 def film_and_tile(strata=1):
