@@ -236,6 +236,12 @@ class RenderSettings:
             Choice("FAST", "Fast", "In the least time, for previews"),
         ),
     )
+    denoised_threshold: float = _declare(
+        0.0, "Denoised Noise",
+        "Stop once the denoised picture errs by less than this, as estimated: root mean square over the picture, where "
+        "1 is from black to white on the screen. 0.01 is good, 0.005 hard to tell from clean (0 = off)",
+        "Denoising", minimum=0, maximum=1,
+    )
     guiding_trial: bool = _declare(
         True, "Trial", "Compare a few unguided samples with guided ones, and stop guiding where it does not pay",
         "Trial and Training",

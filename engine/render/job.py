@@ -14,6 +14,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.learner import Learner
 from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
+from engine.render.denoised_threshold import DenoisedThreshold
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop, RenderLoopJob
 from engine.render.report import Progress
@@ -45,6 +46,10 @@ class AnyJob(Protocol):
     @property
     def guidance(self) -> Guidance | None:
         """What the newest samples went by."""
+
+    @property
+    def denoised(self) -> DenoisedThreshold | None:
+        """What has been looked at, where a good denoised picture ends the render."""
 
     @property
     def has_paths(self) -> bool:
@@ -111,6 +116,7 @@ class Job(RenderLoopJob):
 
     def stop(self) -> None:
         """Ask all threads to stop at the next stage."""
+        self._loop.stop()
         with self._loop.changed:
             self._stop_flag[0] = 1
             self._loop.changed.notify_all()

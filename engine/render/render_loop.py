@@ -26,6 +26,7 @@ from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
 from engine.render.bridged import BridgedIterations
+from engine.render.denoised_threshold import DenoisedThreshold
 from engine.render.film import Film
 from engine.render.path_progress import PathProgress
 from engine.render.plain_schedules import plain_schedule
@@ -107,6 +108,7 @@ class RenderLoop:
     strata : int
     largest : int
         Pixels of the largest tile.
+    denoised : DenoisedThreshold or None
     """
 
     def __init__(
@@ -127,6 +129,8 @@ class RenderLoop:
         #: Which pixels go on, where there is a noise threshold.
         has_threshold = settings.use_adaptive_sampling
         self._active = ActivePixels(settings, film, frame.exposure, tiles) if has_threshold else None
+        #: When the denoised picture is good, where that ends the render.
+        self.denoised = DenoisedThreshold.of(settings, film, frame.exposure, thread_count)
         self._time_left = TimeLeft(settings.time_limit)
         self._schedule: Schedule
         self._iterations: BridgedIterations | None = None
@@ -264,8 +268,14 @@ class RenderLoop:
 
     @property
     def notices(self) -> list[Notice]:
-        """What users should know of how it went: what the learner says."""
-        return [] if self.learner is None else self.learner.notices
+        """What users should know of how it went."""
+        of_denoised = [] if self.denoised is None else self.denoised.notices
+        return [*([] if self.learner is None else self.learner.notices), *of_denoised]
+
+    def stop(self) -> None:
+        """Nothing more is to be rendered: look at no picture any more."""
+        if self.denoised is not None:
+            self.denoised.stop()
 
     def progress(self, rays: int, message: str = "") -> Progress:
         """Where it stands now. With a noise threshold nobody knows how long it takes before the first look.
@@ -308,11 +318,11 @@ class RenderLoop:
             self._finish_iteration(counted, is_stopped)
             return
         steps, active = self._steps, self._active
-        assert steps is not None and active is not None
+        assert steps is not None
         if steps.is_last or self._look(steps.next_sample):
             return
         with self.changed:
-            self.tiles = active.tiles
+            self.tiles = self.tiles if active is None else active.tiles
             steps.begin(len(self.tiles))
 
     def _go_by(self, guidance: Guidance) -> None:
@@ -322,20 +332,23 @@ class RenderLoop:
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
         schedule = plain_schedule(
-            len(self.tiles), self.samples, self._active, self._time_left, first, count, self._whole
+            len(self.tiles), self.samples, self._active, self._time_left, first, count, self._whole, self.denoised
         )
         self._schedule, self._steps = schedule, schedule if isinstance(schedule, Steps) else None
 
     def _look(self, samples: int) -> bool:
-        """Drop the pixels that have converged, if it is time to look; True if there are no others."""
+        """Drop the pixels that have converged, if it is time to look; True if the picture is good enough."""
         active = self._active
-        if active is None or not active.is_due(samples):
-            return False
-        active.look(samples)
-        self._progress.expect(active.expected_paths)
-        if active.count == 0:
-            self.ended_by = "NOISE_THRESHOLD"
-        return active.count == 0
+        if active is not None and active.is_due(samples):
+            active.look(samples)
+            self._progress.expect(active.expected_paths)
+            if active.count == 0:
+                self.ended_by = "NOISE_THRESHOLD"
+                return True
+        if self.denoised is not None and self.denoised.is_due(samples) and self.denoised.look(samples):
+            self.ended_by = "DENOISED_THRESHOLD"
+            return True
+        return False
 
     def _finish_iteration(self, counted: Statistics, is_stopped: bool) -> None:
         """After the last unit of an iteration."""
@@ -384,6 +397,8 @@ class RenderLoop:
         iterations, learner = self._iterations, self.learner
         assert iterations is not None and learner is not None
         if self._active is not None or self._learned is not None or not iterations.lacks_bridge:
+            return
+        if self.denoised is not None and self.denoised.is_due(iterations.next_sample):
             return
         following = iterations.plan(self.elapsed)
         if following is not None and (learner.wants_last or not self._time_left.is_short(*following)):
@@ -476,6 +491,11 @@ class RenderLoopJob:
     def guidance(self) -> Guidance | None:
         """What the newest iteration goes by; None of a render that learns nothing."""
         return self._loop.guidance
+
+    @property
+    def denoised(self) -> DenoisedThreshold | None:
+        """What has been looked at, where a good denoised picture ends the render."""
+        return self._loop.denoised
 
     @property
     def ended_by(self) -> str:

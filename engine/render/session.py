@@ -476,6 +476,8 @@ class Session:
             is_spectral=settings.spectral == "ON",
             ended_by=job.ended_by,
             guiding=guiding,
+            denoised_error=None if job.denoised is None else job.denoised.error,
+            denoised_look=0 if job.denoised is None else job.denoised.looked_at,
         )
 
 
