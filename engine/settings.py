@@ -281,15 +281,9 @@ class RenderSettings:
         0, "Min Transparent Bounces", "Russian roulette leaves this many transparent surfaces alone", "Advanced",
         **_BOUNCES,
     )
-    max_bounces: int = _declare(
-        12, "Total", "Most bounces of a path", "Light Paths", **_BOUNCES,
-    )
-    diffuse_bounces: int = _declare(
-        4, "Diffuse", "Most diffuse bounces", "Light Paths", **_BOUNCES,
-    )
-    glossy_bounces: int = _declare(
-        4, "Glossy", "Most glossy bounces", "Light Paths", **_BOUNCES,
-    )
+    max_bounces: int = _declare(12, "Total", "Most bounces of a path", "Light Paths", **_BOUNCES)
+    diffuse_bounces: int = _declare(4, "Diffuse", "Most diffuse bounces", "Light Paths", **_BOUNCES)
+    glossy_bounces: int = _declare(4, "Glossy", "Most glossy bounces", "Light Paths", **_BOUNCES)
     transmission_bounces: int = _declare(
         12, "Transmission", "Most bounces through refractive surfaces", "Light Paths", **_BOUNCES,
     )

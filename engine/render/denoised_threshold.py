@@ -6,6 +6,9 @@ picture will be, by albedo and normal of all samples. How far they are from each
 leaves. What both get wrong alike they do not tell: it is accounted for by a factor that was measured
 (docs/decisions/denoising.md).
 
+To denoise all of a large picture costs as much as several samples a pixel. So cells of it are denoised, chosen in
+proportion to the noise that they have before: the share of noise that is left in these stands for that in all.
+
 The picture is looked at after numbers of samples that grow geometrically, so that what is decided depends on samples
 alone, never on threads or the clock.
 """
@@ -18,7 +21,6 @@ import threading
 import numpy as np
 
 from engine.denoise import library
-from engine.guiding.models.residual import halves_with_relative_residual
 from engine.render.denoising import Denoising, failure
 from engine.render.film import Film
 from engine.scene.description import Notice
@@ -27,10 +29,16 @@ from engine.settings import RenderSettings
 #: Samples a pixel at the first look, and how many times as many at each that follows.
 _FIRST_LOOK = 16
 _LOOK_GROWTH = 1.5
-#: Squared error of the denoised picture over half the mean squared difference of its halves.
-_ERROR_PER_DIFFERENCE = 1.0
+#: Error of the denoised picture over the noise of one denoised half, after so many samples a pixel: what is left of the
+#: noise where all samples are denoised, and over the root of the samples what both halves get wrong alike, as measured.
+_NOISE_OF_WHOLE, _UNSEEN = 0.7, 3.2
 #: Of the sRGB curve: where its straight part ends, and its slope at white.
 _STRAIGHT, _SLOPE_AT_WHITE = np.float32(0.0031308), np.float32(1.055 / 2.4)
+#: Pixels that a cell is wide and high, about; cells that are denoised at least, and one of how many.
+_CELL_SIZE = 128
+_LEAST_CELLS, _CELLS_PER_LOOK = 4, 8
+#: Where among the cells of a look the choice begins, look by look: never near where it began before.
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: Bright enough: what is above has no number to be counted with.
 _BRIGHTEST = np.float32(1e18)
 
@@ -83,6 +91,49 @@ def half_pictures(film: Film, picture: np.ndarray, exposure: float) -> tuple[np.
     return first.reshape(shape), second.reshape(shape)
 
 
+def _squared_difference(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Of display values by pixel, mean over channels: float32 (height, width)."""
+    return np.square(display_values(first) - display_values(second)).mean(axis=2)
+
+
+#: Rows and columns of a picture.
+Cell = tuple[slice, slice]
+
+
+def _edges(size: int) -> list[slice]:
+    """Parts of a row or column of cells, of about the same size."""
+    count = max(round(size / _CELL_SIZE), 1)
+    return [slice(size * index // count, size * (index + 1) // count) for index in range(count)]
+
+
+def chosen_cells(noise: np.ndarray, look: int) -> list[tuple[Cell, float]]:
+    """Cells of a picture, each with the factor by which what is left of its noise counts for the whole picture's mean.
+
+    Cells are chosen systematically, with probabilities proportional to their noise, so that the weighted sum is on
+    average the mean over the picture. A picture of few cells is one.
+
+    Parameters
+    ----------
+    noise : float (height, width), not negative
+        By pixel.
+    look : int
+        Each has a choice of its own.
+    """
+    height, width = noise.shape
+    cells = [(rows, columns) for rows in _edges(height) for columns in _edges(width)]
+    total = float(noise.sum(dtype=np.float64))
+    if len(cells) <= _LEAST_CELLS or total <= 0.0:
+        return [((slice(0, height), slice(0, width)), 1.0 / max(noise.size, 1))]
+    count = max(-(-len(cells) // _CELLS_PER_LOOK), _LEAST_CELLS)
+    of_cell = np.array([noise[cell].sum(dtype=np.float64) for cell in cells])
+    places = (np.arange(count) + (0.5 + look * _GOLDEN) % 1.0) * (total / count)
+    index = np.minimum(np.searchsorted(np.cumsum(of_cell), places, side="right"), np.flatnonzero(of_cell)[-1])
+    times = np.bincount(index, minlength=len(cells))
+    return [
+        (cells[one], float(times[one] / count * total / of_cell[one] / noise.size)) for one in np.flatnonzero(times)
+    ]
+
+
 class DenoisedThreshold:
     """When the denoised picture of a render is good enough.
 
@@ -112,17 +163,11 @@ class DenoisedThreshold:
         self._threshold, self._film, self._exposure = settings.denoised_threshold, film, exposure
         self._denoising = Denoising(settings, thread_count)
         self._is_stopped = threading.Event()
+        self._looks = 0
         self.due: float = _FIRST_LOOK
         self.error: float | None = None
         self.looked_at = 0
         self.notices: list[Notice] = []
-
-    @classmethod
-    def of(
-        cls, settings: RenderSettings, film: Film, exposure: float, thread_count: int
-    ) -> DenoisedThreshold | None:
-        """That of a render; None where it has none."""
-        return cls(settings, film, exposure, thread_count) if settings.denoised_threshold > 0.0 else None
 
     def is_due(self, samples: int) -> bool:
         """Whether to look at the picture after so many samples a pixel."""
@@ -135,8 +180,9 @@ class DenoisedThreshold:
     def look(self, samples: int) -> bool:
         """Denoise halves of the picture; whether it is good enough."""
         self.due = math.ceil(_LOOK_GROWTH * samples)
+        self._looks += 1
         try:
-            error = self.estimate()
+            error = self.estimate(samples)
         except Exception as problem:  # whatever went wrong: the render goes on
             said = str(problem) if isinstance(problem, library.DenoiserFailed) else failure(problem)
             self.notices.append(Notice("Denoised Noise", said, "it ends no render"))
@@ -147,20 +193,24 @@ class DenoisedThreshold:
         self.error, self.looked_at = error, samples
         return error < self._threshold
 
-    def estimate(self) -> float | None:
+    def estimate(self, samples: int) -> float | None:
         """Root mean square error of the denoised picture's display values, estimated; None: it was stopped."""
         film, exposure = self._film, self._exposure
         images = film.images({"Combined"} | self._denoising.passes, exposure=exposure)
         cached = film.has_residual
         picture = film.cached_image(exposure=exposure) if cached else images["Combined"]
-        halves = self._denoising.filtered(
-            half_pictures(film, picture, exposure), images, self._is_stopped.is_set
-        )
-        if halves is None:
-            return None
-        first, second = halves
-        if cached:
-            first, second = film.halves_with_residual((first, second), exposure=exposure)
-        difference = display_values(first) - display_values(second)
-        squared = 0.5 * float(np.square(difference, dtype=np.float64).mean()) if difference.size else 0.0
-        return math.sqrt(_ERROR_PER_DIFFERENCE * squared)
+        halves = half_pictures(film, picture, exposure)
+        squared = 0.0
+        for cell, factor in chosen_cells(_squared_difference(*halves), self._looks):
+            denoised = self._denoising.filtered(
+                [half[cell] for half in halves], {name: image[cell] for name, image in images.items()},
+                self._is_stopped.is_set,
+            )
+            if denoised is None:
+                return None
+            first, second = denoised
+            if cached:
+                first, second = film.halves_with_residual((first, second), cell, exposure=exposure)
+            squared += factor * float(_squared_difference(first, second).sum(dtype=np.float64))
+        # Each half has half of the squared difference.
+        return (_NOISE_OF_WHOLE + _UNSEEN / math.sqrt(samples)) * math.sqrt(0.5 * squared)

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from engine.render.adaptive import ActivePixels
-from engine.render.denoised_threshold import DenoisedThreshold
+from engine.render.looks import Looks
 from engine.render.schedule import (
     LARGEST_TASK_SAMPLES,
     LEAST_TASK_SAMPLES,
@@ -20,20 +19,18 @@ _STEP_GROWTH = 4
 
 
 def plain_schedule(
-    tile_count: int, samples: int, active: ActivePixels | None, time_left: TimeLeft, first: int, count: int,
-    stratum: int, denoised: DenoisedThreshold | None = None,
+    tile_count: int, samples: int, looks: Looks, time_left: TimeLeft, first: int, count: int,
+    stratum: int,
 ) -> PlainSchedule | PacedSchedule | Steps:
     """All samples from `first` on, in tasks of which the first has `count` samples a pixel; steps have begun.
 
     Parameters
     ----------
-    active : ActivePixels or None
-        Which pixels go on, where there is a noise threshold.
+    looks : Looks
     stratum : int
         As of `Task`.
-    denoised : DenoisedThreshold, optional
-        When the denoised picture is looked at.
     """
+    active, denoised = looks.active, looks.denoised
     has_looks = active is not None or denoised is not None
     if not has_looks and time_left.is_limited:
         return PacedSchedule(tile_count, samples, time_left.fit, first, count, stratum)

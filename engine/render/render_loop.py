@@ -22,12 +22,11 @@ from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.unit_records import UnitRecords
-from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
 from engine.render.bridged import BridgedIterations
-from engine.render.denoised_threshold import DenoisedThreshold
 from engine.render.film import Film
+from engine.render.looks import Looks
 from engine.render.path_progress import PathProgress
 from engine.render.plain_schedules import plain_schedule
 from engine.render.report import Progress
@@ -108,7 +107,7 @@ class RenderLoop:
     strata : int
     largest : int
         Pixels of the largest tile.
-    denoised : DenoisedThreshold or None
+    looks : Looks
     """
 
     def __init__(
@@ -126,11 +125,9 @@ class RenderLoop:
         self.strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self.strata > 1 else 0
+        self.looks = Looks(request, film, tiles, thread_count)
         #: Which pixels go on, where there is a noise threshold.
-        has_threshold = settings.use_adaptive_sampling
-        self._active = ActivePixels(settings, film, frame.exposure, tiles) if has_threshold else None
-        #: When the denoised picture is good, where that ends the render.
-        self.denoised = DenoisedThreshold.of(settings, film, frame.exposure, thread_count)
+        self._active = self.looks.active
         self._time_left = TimeLeft(settings.time_limit)
         self._schedule: Schedule
         self._iterations: BridgedIterations | None = None
@@ -269,13 +266,7 @@ class RenderLoop:
     @property
     def notices(self) -> list[Notice]:
         """What users should know of how it went."""
-        of_denoised = [] if self.denoised is None else self.denoised.notices
-        return [*([] if self.learner is None else self.learner.notices), *of_denoised]
-
-    def stop(self) -> None:
-        """Nothing more is to be rendered: look at no picture any more."""
-        if self.denoised is not None:
-            self.denoised.stop()
+        return [*(() if self.learner is None else self.learner.notices), *self.looks.notices]
 
     def progress(self, rays: int, message: str = "") -> Progress:
         """Where it stands now. With a noise threshold nobody knows how long it takes before the first look.
@@ -332,23 +323,15 @@ class RenderLoop:
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
         schedule = plain_schedule(
-            len(self.tiles), self.samples, self._active, self._time_left, first, count, self._whole, self.denoised
+            len(self.tiles), self.samples, self.looks, self._time_left, first, count, self._whole
         )
         self._schedule, self._steps = schedule, schedule if isinstance(schedule, Steps) else None
 
     def _look(self, samples: int) -> bool:
-        """Drop the pixels that have converged, if it is time to look; True if the picture is good enough."""
-        active = self._active
-        if active is not None and active.is_due(samples):
-            active.look(samples)
-            self._progress.expect(active.expected_paths)
-            if active.count == 0:
-                self.ended_by = "NOISE_THRESHOLD"
-                return True
-        if self.denoised is not None and self.denoised.is_due(samples) and self.denoised.look(samples):
-            self.ended_by = "DENOISED_THRESHOLD"
-            return True
-        return False
+        """Look at the picture, if it is time to; True if it is good enough."""
+        ending = self.looks.look(samples, self._progress.expect)
+        self.ended_by = ending or self.ended_by
+        return bool(ending)
 
     def _finish_iteration(self, counted: Statistics, is_stopped: bool) -> None:
         """After the last unit of an iteration."""
@@ -398,7 +381,7 @@ class RenderLoop:
         assert iterations is not None and learner is not None
         if self._active is not None or self._learned is not None or not iterations.lacks_bridge:
             return
-        if self.denoised is not None and self.denoised.is_due(iterations.next_sample):
+        if self.looks.wait_for(iterations.next_sample):
             return
         following = iterations.plan(self.elapsed)
         if following is not None and (learner.wants_last or not self._time_left.is_short(*following)):
@@ -493,9 +476,9 @@ class RenderLoopJob:
         return self._loop.guidance
 
     @property
-    def denoised(self) -> DenoisedThreshold | None:
-        """What has been looked at, where a good denoised picture ends the render."""
-        return self._loop.denoised
+    def looks(self) -> Looks:
+        """Who looks at the picture meanwhile."""
+        return self._loop.looks
 
     @property
     def ended_by(self) -> str:
