@@ -35,6 +35,8 @@ def log_figures(layer_name: str, frame: int, seconds: float, report: Any) -> Non
     )
     if report.denoise_seconds:
         logger.info(f"denoised in {format_duration(report.denoise_seconds)}")
+    if report.denoised_sentence:
+        logger.info(report.denoised_sentence)
     for line in report.guiding.lines:
         logger.info(line)
     _log_kernels(report.kernels)
@@ -63,6 +65,7 @@ def stamp_figures(engine: bpy.types.RenderEngine, layer_name: str, report: Any, 
         ("samples", f"{report.sample_count:.6g}"),
         ("render_time", f"{report.render_seconds:.3f}"),
         ("denoise_time", f"{report.denoise_seconds:.3f}"),
+        ("denoised_error", report.denoised_sentence),
         ("build_time", f"{report.build_seconds:.3f}"),
         ("kernel_time", f"{report.compile_seconds + report.prepare_seconds:.3f}"),
         ("kernels", report.kernels),

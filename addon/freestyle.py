@@ -26,7 +26,8 @@ def is_of_strokes(scene: bpy.types.Scene) -> bool:
 def stroke_settings(settings: RenderSettings) -> RenderSettings:
     """Settings for strokes: they glow in flat colours, so that there is nothing to learn, nor noise."""
     return dataclasses.replace(
-        settings, guiding_method="OFF", radiance_cache="OFF", use_denoising=False, time_limit=0.0, spectral="OFF"
+        settings, guiding_method="OFF", radiance_cache="OFF", use_denoising=False, denoised_threshold=0.0,
+        time_limit=0.0, spectral="OFF",
     )
 
 

@@ -54,6 +54,12 @@ def cache_sentence(scene: bpy.types.Scene) -> str:
     return next((sentence for sentence in sentences if sentence), "")
 
 
+def denoised_sentence(scene: bpy.types.Scene) -> str:
+    """What the last render of a scene estimated of its denoised picture, '' where it estimated nothing."""
+    sentences = [one.report.denoised_sentence for one in last_outcomes(scene) if one.report is not None]
+    return next((sentence for sentence in sentences if sentence), "")
+
+
 def objects_of(scene: bpy.types.Scene, subject: str) -> list[bpy.types.Object]:
     """Objects of a scene that the subject of a notice means.
 
@@ -158,9 +164,9 @@ class NEURALGUIDE_PT_last_render(bpy.types.Panel):  # noqa: N801
         layout, scene = self.layout, context.scene
         for text, icon in _headlines(scene):
             draw_text(layout, context, text, icon)
-        accuracy = cache_sentence(scene)
-        if accuracy:
-            draw_text(layout, context, accuracy)
+        for sentence in (cache_sentence(scene), denoised_sentence(scene)):
+            if sentence:
+                draw_text(layout, context, sentence)
         notices = last_notices(scene)
         if not notices:
             layout.label(text="Everything in the scene is rendered as it asks for", icon="CHECKMARK")

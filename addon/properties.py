@@ -21,6 +21,7 @@ _UNITS = {"s": {"unit": "TIME_ABSOLUTE"}, "pixels": {"subtype": "PIXEL"}}
 _LOOKS: dict[str, dict[str, Any]] = {
     "adaptive_threshold": {"precision": 4},
     "preview_adaptive_threshold": {"precision": 4},
+    "denoised_threshold": {"precision": 4, "step": 0.1, "soft_max": 0.1},
     "time_limit": {"step": 100},
     "sequence_samples": {"soft_max": 4096},
     "light_sampling_threshold": {"precision": 4},

@@ -105,6 +105,7 @@ class _DenoisePanel(RenderPanel):
         if kind:
             draw_shared(column, scene, f"{kind}denoising_start_sample", text="Start Sample")
             return
+        column.prop(scene.neuralguide, "denoised_threshold")
         column.prop(scene.neuralguide, "denoise_over_time")
         if denoise_over_time.is_wanted(scene) and (text := denoise_over_time.problem(scene)):
             column.label(text=f"Not over time: {text}", icon="ERROR")

@@ -236,6 +236,12 @@ class RenderSettings:
             Choice("FAST", "Fast", "In the least time, for previews"),
         ),
     )
+    denoised_threshold: float = _declare(
+        0.0, "Denoised Noise",
+        "Stop once the denoised picture errs by less than this, as estimated: root mean square over the picture, where "
+        "1 is from black to white on the screen. 0.01 is good, 0.005 hard to tell from clean (0 = off)",
+        "Denoising", minimum=0, maximum=1,
+    )
     guiding_trial: bool = _declare(
         True, "Trial", "Compare a few unguided samples with guided ones, and stop guiding where it does not pay",
         "Trial and Training",
@@ -275,15 +281,9 @@ class RenderSettings:
         0, "Min Transparent Bounces", "Russian roulette leaves this many transparent surfaces alone", "Advanced",
         **_BOUNCES,
     )
-    max_bounces: int = _declare(
-        12, "Total", "Most bounces of a path", "Light Paths", **_BOUNCES,
-    )
-    diffuse_bounces: int = _declare(
-        4, "Diffuse", "Most diffuse bounces", "Light Paths", **_BOUNCES,
-    )
-    glossy_bounces: int = _declare(
-        4, "Glossy", "Most glossy bounces", "Light Paths", **_BOUNCES,
-    )
+    max_bounces: int = _declare(12, "Total", "Most bounces of a path", "Light Paths", **_BOUNCES)
+    diffuse_bounces: int = _declare(4, "Diffuse", "Most diffuse bounces", "Light Paths", **_BOUNCES)
+    glossy_bounces: int = _declare(4, "Glossy", "Most glossy bounces", "Light Paths", **_BOUNCES)
     transmission_bounces: int = _declare(
         12, "Transmission", "Most bounces through refractive surfaces", "Light Paths", **_BOUNCES,
     )

@@ -56,6 +56,21 @@ _NOTES = {
 With `spectral` `'ON'` colours have smooth spectra everywhere and white light is D65. Reflections of colours in colours
 differ a little from those of RGB ([figures](results/wavelengths.md)).
 """,
+    "Denoising": """\
+A noise threshold looks at the samples. With a denoiser a picture is good much sooner, and `denoised_threshold` tells
+when: halves of the samples are denoised apart, and what they differ by tells what the denoised picture errs by. The
+log, *Last Render* and the file's metadata say at which sample the render stopped, and the error that was estimated.
+
+- 0.03 is a preview, 0.01 a good picture, 0.005 hard to tell from a clean one. Values are those of the sRGB curve, where
+  1 is white, so 0.01 is two and a half steps of 8 bits. Hard scenes err by more at thousands of samples: *Samples* and
+  the time limit count as ever.
+- The mean over the picture counts. What both halves get wrong alike (fine shadows, reflections that are smeared) is
+  accounted for as it was measured ([figures](decisions/denoising.md#a-threshold-on-the-denoised-picture)): the true
+  error was 0.5 to 1.2 times the estimated one.
+- It looks first at 16 samples, then each time at half as many again. A look takes about as long as a sample a pixel,
+  in pictures below 80,000 pixels as six.
+- Without *Denoise* it does nothing, and the render says so. Viewports have none.
+""",
     "Guiding": """\
 Panels offer `'AUTO'` and `'OFF'`, and the others where settings for experiments are shown or a file has one. Methods
 from `'VMM'` to `'FLOW'` draw directions from what was learned; those that end in `_RIS` weigh several and take one.

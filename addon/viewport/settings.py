@@ -43,7 +43,7 @@ def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
     samples = setting_value(scene, "preview_samples") or _ENDLESS_SAMPLES
     own = {name: setting_value(scene, cycles_name) for name, cycles_name in _OWN_SETTINGS.items()}
     return replace(
-        settings, **own, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, strata=0,
+        settings, **own, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, denoised_threshold=0.0, strata=0,
         guiding_method=_method(settings.guiding_method, samples), radiance_cache=_cache(settings.radiance_cache),
     )  # fmt: skip
 

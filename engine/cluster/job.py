@@ -104,6 +104,7 @@ class ClusterJob(RenderLoopJob):
 
     def stop(self) -> None:
         """End with what is there."""
+        self._loop.looks.stop()
         self._is_stopped = True
 
     def wait(self, seconds: float) -> bool:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -24,11 +24,33 @@ def denoise(
     threads: int = 0,
     should_cancel: Callable[[], bool] | None = None,
 ) -> np.ndarray | None:
-    """Take the noise out of a picture.
+    """Take the noise out of a picture: `denoise_all` of one.
+
+    Returns
+    -------
+    float32 (height, width, 3), or None if it was cancelled
+    """
+    denoised = denoise_all(
+        (color,), albedo, normal, quality=quality, prefilter=prefilter, threads=threads, should_cancel=should_cancel
+    )
+    return None if denoised is None else denoised[0]
+
+
+def denoise_all(
+    colors: Sequence[np.ndarray],
+    albedo: np.ndarray | None = None,
+    normal: np.ndarray | None = None,
+    *,
+    quality: str = "HIGH",
+    prefilter: str = "ACCURATE",
+    threads: int = 0,
+    should_cancel: Callable[[], bool] | None = None,
+) -> list[np.ndarray] | None:
+    """Take the noise out of pictures of the same surfaces; what they share is filtered once.
 
     Parameters
     ----------
-    color : float32 (height, width, >= 3)
+    colors : sequence of float32 (height, width, >= 3)
         Scene-linear radiance, of any exposure. Further channels, such as alpha, are left out.
     albedo : float32 (height, width, >= 3), optional
         In [0, 1]; what is brighter counts as 1.
@@ -45,7 +67,7 @@ def denoise(
 
     Returns
     -------
-    float32 (height, width, 3), or None if it was cancelled
+    list of float32 (height, width, 3), or None if it was cancelled
 
     Raises
     ------
@@ -62,26 +84,25 @@ def denoise(
         raise ValueError(f"denoising prefilter {prefilter!r}: choose one of {', '.join(PREFILTERS)}")
     if normal is not None and albedo is None:
         raise ValueError("denoising by a normal needs an albedo too")
-    images = {"color": color}
-    if albedo is not None:
-        images["albedo"] = albedo
-    if normal is not None:
-        images["normal"] = normal
-    images = {name: _usable(name, image, color.shape[:2]) for name, image in images.items()}
-    output = np.zeros((*color.shape[:2], 3), np.float32)
-    if output.size == 0:
-        return output
+    shape = colors[0].shape[:2]
+    pictures = [_usable("color", color, shape) for color in colors]
+    given = {"albedo": albedo, "normal": normal}
+    features = {name: _usable(name, image, shape) for name, image in given.items() if image is not None}
+    outputs = [np.zeros((*shape, 3), np.float32) for _ in pictures]
+    if outputs[0].size == 0:
+        return outputs
     with Device(threads) as device:
         if prefilter == "ACCURATE":
-            for name in ("albedo", "normal"):
-                if name in images:
-                    filtered = np.empty_like(output)
-                    passes = {name: images[name], "output": filtered}
-                    if not device.run(passes, {"srgb": False}, quality, should_cancel):
-                        return None
-                    images[name] = filtered
-        flags = {"hdr": True, "srgb": False, "cleanAux": prefilter != "FAST" and len(images) > 1}
-        return output if device.run({**images, "output": output}, flags, quality, should_cancel) else None
+            for name, image in features.items():
+                filtered = np.empty_like(outputs[0])
+                if not device.run({name: image, "output": filtered}, {"srgb": False}, quality, should_cancel):
+                    return None
+                features[name] = filtered
+        flags = {"hdr": True, "srgb": False, "cleanAux": prefilter != "FAST" and bool(features)}
+        for picture, output in zip(pictures, outputs, strict=True):
+            if not device.run({"color": picture, **features, "output": output}, flags, quality, should_cancel):
+                return None
+    return outputs
 
 
 def _usable(name: str, image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 
 import numpy as np
 
 from engine.denoise import library
-from engine.denoise.filter import denoise
+from engine.denoise.filter import denoise_all
 from engine.denoise.fireflies import without_fireflies
 from engine.render.film import Film, Images
 from engine.scene.description import Notice
@@ -92,7 +92,7 @@ class Denoising:
         try:
             denoised = self._denoised(images, should_cancel, film, exposure)
         except Exception as error:  # whatever went wrong: there is a picture, and it must not be lost
-            problem = str(error) if isinstance(error, library.DenoiserFailed) else _failure(error)
+            problem = str(error) if isinstance(error, library.DenoiserFailed) else failure(error)
             self.notices.append(Notice("Denoising", problem, _FALLBACK))
             return True
         if denoised is None:
@@ -109,33 +109,47 @@ class Denoising:
         is_cancelled = threading.Event()
         noisy = images["Combined"]
         color = noisy if cached is None else cached.cached_image(exposure=exposure)
-        inputs = {name: images[pass_name] for name, pass_name in self._inputs.items()}
-        variance, cuts = images["Variance"], bool(images["Sample Count"].mean() >= _LEAST_SAMPLES)
-
-        def filtered() -> np.ndarray | None:
-            return denoise(
-                without_fireflies(color, variance, inputs.get("albedo")) if cuts else color,
-                **inputs,
-                quality=self._settings.denoising_quality,
-                prefilter=self._settings.denoising_prefilter,
-                threads=self._threads,
-                should_cancel=is_cancelled.is_set,
-            )
-
         # In a thread, so that the caller's can look for a cancel: the filter takes seconds for large pictures.
         with ThreadPoolExecutor(1, thread_name_prefix="denoise") as pool:
-            future = pool.submit(filtered)
+            future = pool.submit(self.filtered, (color,), images, is_cancelled.is_set)
             while not wait((future,), _POLL_SECONDS).done:
                 if should_cancel is not None and should_cancel():
                     is_cancelled.set()
-        denoised = future.result()
-        if denoised is None:
+        pictures = future.result()
+        if pictures is None:
             return None
+        denoised = pictures[0]
         if cached is not None:
             denoised = cached.with_residual(denoised, exposure=exposure)
         return np.concatenate((denoised, noisy[..., 3:]), axis=2)
 
+    def filtered(
+        self, colors: Sequence[np.ndarray], images: Images, should_cancel: Callable[[], bool]
+    ) -> list[np.ndarray] | None:
+        """Denoised pictures of equal parts of a render's samples, all of them together `images`; None: cancelled.
 
-def _failure(error: Exception) -> str:
+        Parameters
+        ----------
+        colors : sequence of float32 (height, width, >= 3)
+        images : mapping
+            `passes` of all samples.
+        should_cancel : callable
+            Asked in whatever thread.
+        """
+        inputs = {name: images[pass_name] for name, pass_name in self._inputs.items()}
+        if images["Sample Count"].mean() >= _LEAST_SAMPLES * len(colors):
+            variance = np.float32(len(colors)) * images["Variance"]
+            colors = [without_fireflies(color, variance, inputs.get("albedo")) for color in colors]
+        return denoise_all(
+            colors,
+            **inputs,
+            quality=self._settings.denoising_quality,
+            prefilter=self._settings.denoising_prefilter,
+            threads=self._threads,
+            should_cancel=should_cancel,
+        )
+
+
+def failure(error: Exception) -> str:
     """What went wrong, for users."""
     return "out of memory" if isinstance(error, MemoryError) else f"failed: {type(error).__name__}: {error}"

@@ -14,7 +14,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from engine.guiding.models.residual import cached_noise, with_relative_residual, with_residual
+from engine.guiding.models.residual import (
+    cached_noise,
+    halves_with_relative_residual,
+    with_relative_residual,
+    with_residual,
+)
 from engine.kernels.film_sums import sums_adder
 from engine.kernels.mattes import merge_mattes
 from engine.render.data_passes import DATA_PASSES, data_images, data_layout, matte_kind
@@ -103,7 +108,7 @@ def film_layout(
     return FilmLayout(
         use_features=bool(passes & FEATURE_PASSES or data.options.is_used),
         use_residual=settings.measures_cache,
-        use_half=settings.use_adaptive_sampling,
+        use_half=settings.use_adaptive_sampling or settings.denoised_threshold > 0.0,
         use_denoising=bool(passes & DENOISING_PASSES),
         light_part_count=part_count,
         light_groups=tuple(light_groups) if part_count else (),
@@ -207,6 +212,24 @@ class Film:
             self.sums.ended * scale[:, 0], shape, cached_noise(self.sums, shape),
         )
         return whole.astype(np.float32).reshape(*shape, 3)
+
+    def halves_with_residual(
+        self, denoised: tuple[np.ndarray, np.ndarray], cell: tuple[slice, slice], *, exposure: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As `with_residual`, of two denoised halves of a part of `cached_image`, each with half of the measuring
+        paths. Bands are those of the part alone.
+        """
+        scale = np.float32(exposure) * self._scale()
+
+        def of_cell(values: np.ndarray) -> np.ndarray:
+            part = values.reshape(self.height, self.width, -1)[cell]
+            return np.ascontiguousarray(part).reshape(-1, part.shape[2])
+
+        first, second = halves_with_relative_residual(
+            (denoised[0].reshape(-1, 3), denoised[1].reshape(-1, 3)), of_cell(self.sums.residual * scale),
+            of_cell(self.sums.residual_square * scale[:, 0] ** 2)[:, 0], (len(denoised[0]), denoised[0].shape[1]),
+        )
+        return first.reshape(denoised[0].shape), second.reshape(denoised[1].shape)
 
     def _scale(self) -> np.ndarray:
         """What makes means of sums: float32 (P, 1), 0 where there is no sample."""

@@ -15,6 +15,7 @@ from engine.guiding.policy.learner import Learner
 from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.film import Film
+from engine.render.looks import Looks
 from engine.render.render_loop import RenderLoop, RenderLoopJob
 from engine.render.report import Progress
 from engine.render.request import RenderRequest
@@ -45,6 +46,10 @@ class AnyJob(Protocol):
     @property
     def guidance(self) -> Guidance | None:
         """What the newest samples went by."""
+
+    @property
+    def looks(self) -> Looks:
+        """Who looks at the picture meanwhile."""
 
     @property
     def has_paths(self) -> bool:
@@ -111,6 +116,7 @@ class Job(RenderLoopJob):
 
     def stop(self) -> None:
         """Ask all threads to stop at the next stage."""
+        self._loop.looks.stop()
         with self._loop.changed:
             self._stop_flag[0] = 1
             self._loop.changed.notify_all()

@@ -22,11 +22,11 @@ from engine.guiding.policy.learner import Learner
 from engine.guiding.policy.sets import make_learner
 from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.unit_records import UnitRecords
-from engine.render.adaptive import ActivePixels
 from engine.render.batch import Statistics
 from engine.render.bridge import Bridge, bridge_samples
 from engine.render.bridged import BridgedIterations
 from engine.render.film import Film
+from engine.render.looks import Looks
 from engine.render.path_progress import PathProgress
 from engine.render.plain_schedules import plain_schedule
 from engine.render.report import Progress
@@ -107,6 +107,7 @@ class RenderLoop:
     strata : int
     largest : int
         Pixels of the largest tile.
+    looks : Looks
     """
 
     def __init__(
@@ -124,9 +125,9 @@ class RenderLoop:
         self.strata = max(settings.strata, 1)
         #: Of samples that lie in all of u.
         self._whole = ALL_STRATA if self.strata > 1 else 0
+        self.looks = Looks(request, film, tiles, thread_count)
         #: Which pixels go on, where there is a noise threshold.
-        has_threshold = settings.use_adaptive_sampling
-        self._active = ActivePixels(settings, film, frame.exposure, tiles) if has_threshold else None
+        self._active = self.looks.active
         self._time_left = TimeLeft(settings.time_limit)
         self._schedule: Schedule
         self._iterations: BridgedIterations | None = None
@@ -264,8 +265,8 @@ class RenderLoop:
 
     @property
     def notices(self) -> list[Notice]:
-        """What users should know of how it went: what the learner says."""
-        return [] if self.learner is None else self.learner.notices
+        """What users should know of how it went."""
+        return [*(() if self.learner is None else self.learner.notices), *self.looks.notices]
 
     def progress(self, rays: int, message: str = "") -> Progress:
         """Where it stands now. With a noise threshold nobody knows how long it takes before the first look.
@@ -308,11 +309,11 @@ class RenderLoop:
             self._finish_iteration(counted, is_stopped)
             return
         steps, active = self._steps, self._active
-        assert steps is not None and active is not None
+        assert steps is not None
         if steps.is_last or self._look(steps.next_sample):
             return
         with self.changed:
-            self.tiles = active.tiles
+            self.tiles = self.tiles if active is None else active.tiles
             steps.begin(len(self.tiles))
 
     def _go_by(self, guidance: Guidance) -> None:
@@ -322,20 +323,15 @@ class RenderLoop:
     def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
         """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
         schedule = plain_schedule(
-            len(self.tiles), self.samples, self._active, self._time_left, first, count, self._whole
+            len(self.tiles), self.samples, self.looks, self._time_left, first, count, self._whole
         )
         self._schedule, self._steps = schedule, schedule if isinstance(schedule, Steps) else None
 
     def _look(self, samples: int) -> bool:
-        """Drop the pixels that have converged, if it is time to look; True if there are no others."""
-        active = self._active
-        if active is None or not active.is_due(samples):
-            return False
-        active.look(samples)
-        self._progress.expect(active.expected_paths)
-        if active.count == 0:
-            self.ended_by = "NOISE_THRESHOLD"
-        return active.count == 0
+        """Look at the picture, if it is time to; True if it is good enough."""
+        ending = self.looks.look(samples, self._progress.expect)
+        self.ended_by = ending or self.ended_by
+        return bool(ending)
 
     def _finish_iteration(self, counted: Statistics, is_stopped: bool) -> None:
         """After the last unit of an iteration."""
@@ -384,6 +380,8 @@ class RenderLoop:
         iterations, learner = self._iterations, self.learner
         assert iterations is not None and learner is not None
         if self._active is not None or self._learned is not None or not iterations.lacks_bridge:
+            return
+        if self.looks.wait_for(iterations.next_sample):
             return
         following = iterations.plan(self.elapsed)
         if following is not None and (learner.wants_last or not self._time_left.is_short(*following)):
@@ -476,6 +474,11 @@ class RenderLoopJob:
     def guidance(self) -> Guidance | None:
         """What the newest iteration goes by; None of a render that learns nothing."""
         return self._loop.guidance
+
+    @property
+    def looks(self) -> Looks:
+        """Who looks at the picture meanwhile."""
+        return self._loop.looks
 
     @property
     def ended_by(self) -> str:

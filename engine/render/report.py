@@ -24,6 +24,7 @@ except ImportError:  # Windows
 ENDINGS = {
     "SAMPLES": "All samples taken",
     "NOISE_THRESHOLD": "Noise threshold reached",
+    "DENOISED_THRESHOLD": "Denoised picture good enough",
     "TIME_LIMIT": "Time limit reached",
     "CANCEL": "Cancelled",
 }
@@ -59,6 +60,9 @@ class RenderReport:
     kernels: str = ""  # where all of this process came from
     render_seconds: float = 0.0
     denoise_seconds: float = 0.0  # after the render's end, not part of `render_seconds`
+    #: Error of the denoised picture as it was last estimated, of display values, and at which sample; None: never.
+    denoised_error: float | None = None
+    denoised_look: int = 0
     sample_count: float = 0.0  # mean per pixel
     path_count: int = 0
     rays: dict[str, int] = field(default_factory=dict)
@@ -78,6 +82,14 @@ class RenderReport:
     def cancelled(self) -> bool:
         """Whether a user has ended the render."""
         return self.ended_by == "CANCEL"
+
+    @property
+    def denoised_sentence(self) -> str:
+        """What was estimated of the denoised picture, '' where nothing was."""
+        if self.denoised_error is None:
+            return ""
+        stopped = "stopped" if self.ended_by == "DENOISED_THRESHOLD" else "last looked"
+        return f"denoised picture: {stopped} at sample {self.denoised_look}, error about {self.denoised_error:.2g}"
 
 
 @dataclass

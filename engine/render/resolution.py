@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from engine.accuracy import LEAST_CACHED_SAMPLES
 from engine.builder.scene import Scene
+from engine.denoise import library
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.sources.sequence import with_sequence_u
 from engine.render.film import Film, film_layout
@@ -101,6 +102,7 @@ def resolve(
         if start is not None:
             settings = replace(settings, seed=start.seed(settings.seed))
         learning = replace(learning, start=start)
+    settings = _with_denoiser(settings, notices)
     layout = _layout(settings, scene, passes)
     settings = replace(settings, strata=strata_count(settings, _film_bytes(scene.description.frame, layout)))
     request = RenderRequest(scene.description.frame, settings, layout, learning, first_samples)
@@ -129,6 +131,15 @@ def _with_u(settings: RenderSettings, description: SceneDescription, learning: L
         settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
     )
     return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
+
+
+def _with_denoiser(settings: RenderSettings, notices: list[Notice]) -> RenderSettings:
+    """Settings without a threshold on the denoised picture where there will be none."""
+    if settings.denoised_threshold == 0.0 or (settings.use_denoising and not library.problem()):
+        return settings
+    problem = "there is no denoiser" if settings.use_denoising else "nothing is denoised: Denoise is off"
+    notices.append(Notice("Denoised Noise", problem, "it ends no render"))
+    return replace(settings, denoised_threshold=0.0)
 
 
 def _with_short_rays(settings: RenderSettings, notices: list[Notice]) -> RenderSettings:

@@ -29,7 +29,7 @@ LARGEST_TASK_SAMPLES = 64
 _TASKS_SO_FAR = 8
 #: But an unguided render's later tasks have at least so many, if a time limit leaves room: between two of them passes
 #: the time of a hundred paths.
-_LEAST_SAMPLES = 4
+LEAST_TASK_SAMPLES = 4
 #: The last task of the last tiles is divided, so that at the end no thread has long to wait for another: of how many
 #: tiles, in how many parts, and how many samples make it worth while. They may not depend on the number of threads.
 _LAST_TILES = 32
@@ -137,7 +137,7 @@ class PlainSchedule:
     """
 
     def __init__(self, tile_count: int, samples: int, first: int = 0, count: int = 1, stratum: int = 0) -> None:
-        ranges = sample_ranges(samples, first, count, _LEAST_SAMPLES)
+        ranges = sample_ranges(samples, first, count, LEAST_TASK_SAMPLES)
         divided_count = min(_LAST_TILES, tile_count) if ranges else 0
         #: By tile.
         self._ranges = [ranges] * (tile_count - divided_count)
@@ -217,7 +217,7 @@ class PacedSchedule:
         self._waits_for_all = bool(self._ranges) and count <= SHORTEST_PASS
         self._ranges.append((self._next, count))
         self._next += count
-        self._count = max(task_samples(self._next), _LEAST_SAMPLES)
+        self._count = max(task_samples(self._next), LEAST_TASK_SAMPLES)
 
     @property
     def lacks_first_tasks(self) -> bool:
@@ -248,15 +248,19 @@ class Steps:
     first, count : int
         Sample to begin with, and samples of the first task.
     stratum : int
+    least : int
+        Samples that later steps' first tasks have at least.
     """
 
     def __init__(
-        self, samples: int, next_look: Callable[[int], int], first: int = 0, count: int = 1, stratum: int = 0
+        self, samples: int, next_look: Callable[[int], int], first: int = 0, count: int = 1, stratum: int = 0,
+        least: int = SHORTEST_PASS,
     ) -> None:
         self._samples = samples
         self._next_look = next_look
         self._count = count
         self._stratum = stratum
+        self._least = least
         self._unfinished = 0
         self._tasks = PlainSchedule(0, 0)
         self.next_sample = first
@@ -265,7 +269,7 @@ class Steps:
         """Hand out the next step."""
         first, self.next_sample = self.next_sample, min(self._next_look(self.next_sample), self._samples)
         self._tasks = PlainSchedule(tile_count, self.next_sample, first, self._count, self._stratum)
-        self._count = task_samples(self.next_sample)
+        self._count = max(task_samples(self.next_sample), self._least)
         self._unfinished = tile_count
 
     @property

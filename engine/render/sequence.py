@@ -73,7 +73,7 @@ def training_settings(settings: RenderSettings) -> RenderSettings:
     return replace(
         settings, guiding_method=settings.source, samples=1, time_limit=0.0, seed=0, threads=0, guiding_trial=False,
         radiance_cache="OFF", sample_weighting="UNIFORM", strata=0, use_adaptive_sampling=False,
-        adaptive_threshold=0.0, adaptive_min_samples=0,
+        adaptive_threshold=0.0, adaptive_min_samples=0, denoised_threshold=0.0,
     )
 
 

@@ -455,9 +455,7 @@ class Session:
             guiding.describe_left_out()
         guiding.describe_no_cache(resolution.cache_left_out)
         return RenderReport(
-            notices=[
-                *scene.notices, *_cache_notices(), *job.notices, *_media_notices(total)
-            ],
+            notices=[*scene.notices, *_cache_notices(), *job.notices, *_media_notices(total)],
             build_seconds=self._build_seconds,
             compile_seconds=self._compile_seconds,
             prepare_seconds=job.prepare_seconds,
@@ -476,6 +474,8 @@ class Session:
             is_spectral=settings.spectral == "ON",
             ended_by=job.ended_by,
             guiding=guiding,
+            denoised_error=job.looks.denoised_error,
+            denoised_look=job.looks.denoised_look,
         )
 
 

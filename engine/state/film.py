@@ -141,7 +141,7 @@ class FilmLayout:
     use_features: bool = False
     #: Of a radiance cache that converges.
     use_residual: bool = False
-    #: For a noise threshold.
+    #: For a noise threshold, of pixels or of the denoised picture.
     use_half: bool = False
     use_denoising: bool = False
     #: Parts that light is taken apart into, those of light groups the last; 0: it is not.

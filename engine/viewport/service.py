@@ -185,7 +185,7 @@ class Service:
         assert settings is not None and scene is not None
         session = self._session
         # The session would denoise coarse pictures and last ones only.
-        own = replace(settings, use_denoising=False)
+        own = replace(settings, use_denoising=False, denoised_threshold=0.0)
         if session is None:
             session = self._session = Session(own, expects_moves=True)
         if session.settings != own:

@@ -55,6 +55,20 @@ def test_one_click_selects_what_a_message_is_about(named: Any, blender: Any) -> 
     assert bpy.ops.neuralguide.select_subject(subject="nothing") == {"CANCELLED"}
 
 
+def test_what_a_threshold_on_the_denoised_picture_came_to_is_said(blender: Any, monkeypatch: Any) -> None:
+    from addon import engine, last_render
+    from engine.render.report import RenderReport
+
+    report = RenderReport(ended_by="DENOISED_THRESHOLD", denoised_error=0.01234, denoised_look=81)
+    name = blender.context.scene.name
+    said = SimpleNamespace(scene=name, view_layer="ViewLayer", frame=1, report=report, notices=[], status="FINISHED")
+    monkeypatch.setattr(engine, "outcomes", [said])
+    expected = "denoised picture: stopped at sample 81, error about 0.012"
+    assert last_render.denoised_sentence(blender.context.scene) == expected
+    said.report = RenderReport()
+    assert last_render.denoised_sentence(blender.context.scene) == ""
+
+
 def test_the_last_render_alone_counts(blender: Any) -> None:
     from addon import engine, last_render
     from engine.scene.description import Notice

@@ -251,6 +251,8 @@ def test_viewport_and_render_are_apart_as_in_cycles(blender: Any) -> None:
         "use_preview_denoising", "preview_denoising_input_passes", "preview_denoising_prefilter",
         "preview_denoising_quality", "preview_denoising_start_sample",
     ]  # fmt: skip
+    denoised = draw(sampling_panels.NEURALGUIDE_PT_sampling_render_denoise, blender.context)
+    assert (scene.neuralguide, "denoised_threshold") in denoised.drawn
     # Presets set what Cycles has: where that does not count they would do nothing.
     scene.neuralguide.use_cycles_settings = False
     final = draw(sampling_panels.NEURALGUIDE_PT_sampling_render, blender.context)

@@ -134,6 +134,7 @@ class FakeSession:
             denoise_seconds=0.5,
             rays={"camera": 600, "shadow": 400},
             sample_count=self.settings.samples,
+            denoised_sentence="",
             guiding=SimpleNamespace(lines=[]),
             reject_count=self.fake.reject_count,
             record_reject_count=0,

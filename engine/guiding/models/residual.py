@@ -246,6 +246,28 @@ def with_relative_residual(
     return _with_mean_of(whole, denoised, sums, variance, _smooth(ended, shape), free_noise)
 
 
+def halves_with_relative_residual(
+    denoised: tuple[np.ndarray, np.ndarray], sums: np.ndarray, variance: np.ndarray, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `with_relative_residual`, of two halves: each with what one half of the measuring paths says.
+
+    Bands are kept as all measuring paths have it, and the mean is left as it is.
+
+    Parameters
+    ----------
+    denoised : two of float32 (P, 3)
+        Of halves of the samples.
+    sums, variance, shape : see `known_residual`
+    """
+    middle = np.float32(0.5) * (denoised[0] + denoised[1])
+    scale = np.maximum(middle + _LEAST_SHARE * middle.mean(), np.float32(1e-12))
+    relative = sums / np.concatenate((scale, scale), axis=1)
+    found = residual_noise(relative, variance / (scale * scale).mean(axis=1), shape)
+    first = denoised[0] + (found.known - found.difference) * scale
+    second = denoised[1] + (found.known + found.difference) * scale
+    return np.maximum(first, np.float32(0.0)), np.maximum(second, np.float32(0.0))
+
+
 def with_residual(
     cached: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int],
     own: OwnNoise,

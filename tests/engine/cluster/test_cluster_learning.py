@@ -91,10 +91,11 @@ def is_same(a, b):
     [
         {"guiding_method": "VMM", "samples": 24},
         {"guiding_method": "VMM", "samples": 64, "use_adaptive_sampling": True, "adaptive_threshold": 0.05},
+        {"guiding_method": "VMM", "samples": 64, "use_denoising": True, "denoised_threshold": 0.01},
         {"guiding_method": "OFF", "samples": 90, "roulette": "THROUGHPUT"},  # the last tasks are divided
         {"guiding_method": "OFF", "samples": 24, "roulette": "LEARNED"},
     ],
-    ids=["guided", "noise threshold", "unguided", "learned roulette"],
+    ids=["guided", "noise threshold", "denoised threshold", "unguided", "learned roulette"],
 )
 def test_the_picture_is_one_process_s(changes):
     settings = RenderSettings(threads=1, seed=3, **changes)
