@@ -60,10 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     own.add_argument(
         "--isolate", action="store_true", help="a process for every render: honest memory and first-image figures"
     )
-    own.add_argument(
-        "--at-defaults", action="store_true",
-        help="with Blender's clamps, Filter Glossy and Light Threshold; results go into OUT/at-defaults",
-    )  # fmt: skip
+    own.add_argument("--at-defaults", action="store_true", help="by Blender's clamps; results go into OUT/at-defaults")
     run.add_argument("--references", type=Path, help="folder of NAME.exr to compare with; they set the size too")
     add_chart_commands(commands)
     papers = add(
@@ -149,10 +146,8 @@ def main(arguments: list[str] | None = None) -> int:
             from benchmarks.run import run
 
             settings = {"use_nee": False} if chosen.no_nee else {}
-            if chosen.no_nee:
-                common["out"] = chosen.out / "no-nee"
-            if chosen.at_defaults:
-                common["out"] = common["out"] / "at-defaults"
+            for is_asked, folder in ((chosen.no_nee, "no-nee"), (chosen.at_defaults, "at-defaults")):
+                common["out"] /= folder if is_asked else ""
             return (
                 1
                 if run(
@@ -161,9 +156,7 @@ def main(arguments: list[str] | None = None) -> int:
                     Budget(chosen.samples, chosen.seconds, chosen.noise_threshold),
                     chosen.seeds,
                     references=chosen.references,
-                    isolate=chosen.isolate,
-                    at_defaults=chosen.at_defaults,
-                    first_seed=chosen.first_seed,
+                    isolate=chosen.isolate, at_defaults=chosen.at_defaults, first_seed=chosen.first_seed,
                     **common,
                 )
                 else 0

@@ -183,10 +183,9 @@ def run(
     threads: int = 0,
     first_seed: int = 1,
     resume: bool = False,
-    isolate: bool = False,
-    at_defaults: bool = False,
+    **how: bool,
 ) -> int:
-    """Render, evaluate, print; returns the number of failures. With `at_defaults` as by `restore_defaults`."""
+    """Render, evaluate, print; returns the number of failures. `how`: `isolate`, `at_defaults` of `render_scene`."""
     results: list[RivalResult] = []
     failures: list[tuple[str, Failure]] = []
     for source in sources:
@@ -194,7 +193,7 @@ def run(
         size = (reference.shape[1], reference.shape[0]) if reference is not None else None
         renders, failed = render_scene(
             source, rivals, budget, seed_count, out=out, pixels=pixels, size=size, threads=threads,
-            first_seed=first_seed, resume=resume, isolate=isolate, at_defaults=at_defaults,
+            first_seed=first_seed, resume=resume, **how,
         )  # fmt: skip
         failures += [(source.name, failure) for failure in failed]
         results += evaluate(source.name, renders, reference).values()

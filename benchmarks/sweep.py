@@ -63,12 +63,11 @@ def sweep(
     references: Path | None = None,
     threads: int = 0,
     resume: bool = True,
-    isolate: bool = False,
-    at_defaults: bool = False,
+    **how: bool,
 ) -> int:
     """Render under every budget into `out/BUDGET/SCENE`, print, write `out/sweep.json`; returns the number of failures.
 
-    With `at_defaults` as by `restore_defaults`; there are no references of the kind that `reference` writes then.
+    `how`: `isolate` and `at_defaults` of `render_scene`; `reference` writes nothing to compare the latter with.
 
     Raises
     ------
@@ -87,8 +86,7 @@ def sweep(
         for budget in steps:
             renders, failed = render_scene(
                 source, rivals, budget, seed_count, out=out / str(budget), pixels=pixels, size=size, threads=threads,
-                resume=resume, isolate=isolate, at_defaults=at_defaults,
-                check=reference.require if reference is not None else lambda _: None,
+                resume=resume, check=reference.require if reference is not None else lambda _: None, **how,
             )  # fmt: skip
             failures += [(source.name, failure) for failure in failed]
             found = list(evaluate(source.name, renders, reference.image if reference is not None else None).values())

@@ -569,10 +569,8 @@ def test_training_is_deterministic():
 @pytest.mark.one_of_many
 @pytest.mark.parametrize("divergence_name", every(["CHI2", "KL"], 2))
 def test_the_papers_sizes_learn_the_product(divergence_name):
-    """1200 steps of 2048 records at the default rate: below 0.08 nats by most seeds. One batch can spoil a snapshot:
-    six seeds gave 0.03 to 0.09, with a median of 0.05.
-    """
-    found = []
+    """1200 steps of 2048 records at the default rate: below 0.08 nats by most seeds, of which six gave 0.03 to 0.09."""
+    found = []  # one batch can spoil a snapshot
     for seed in (33, 34, 35):
         rows = make_rows(np.random.default_rng(seed), 800_000)
         training = train(rows, 1200, SHAPE, batch_size=2048, learning_rate=1e-3, divergence=divergence_name)
