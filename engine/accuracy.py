@@ -30,7 +30,8 @@ ACCURACIES = (
     ),
     Accuracy(
         "AUTO", "Automatic",
-        "Converging in renders and scenes that can have it, until it is found not to pay; else Unbiased",
+        "Converging in renders that are not denoised and scenes that can have it, until it is found not to pay; else "
+        "Unbiased",
     ),
 )
 #: Of them, those where some paths measure what the cache lacks.

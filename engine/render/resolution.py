@@ -11,7 +11,7 @@ from engine.builder.scene import Scene
 from engine.denoise import library
 from engine.guiding.policy.request import LearningRequest
 from engine.guiding.sources.sequence import with_sequence_u
-from engine.render.film import Film, film_layout
+from engine.render.film import DENOISING_PASSES, Film, film_layout
 from engine.render.light_passes import asks_for_groups
 from engine.render.request import RenderRequest
 from engine.render.strata import strata_count
@@ -76,9 +76,7 @@ def resolve(
     settings = _with_u(settings, scene.description, learning)
     if scene.description.fast_gi.bounces > 0:
         settings = _with_short_rays(settings, notices)
-    cache_left_out = ""
-    if settings.radiance_cache == "AUTO" and settings.samples < LEAST_CACHED_SAMPLES:
-        cache_left_out = "so few samples are over before it could pay"
+    cache_left_out = _why_no_automatic_cache(settings, passes)
     if settings.radiance_cache != "OFF" and (notice := _cache_notice(settings, scene, passes)):
         if settings.radiance_cache == "AUTO":
             # Nobody has asked for it: the report says so, and no warning.
@@ -154,6 +152,21 @@ def _with_short_rays(settings: RenderSettings, notices: list[Notice]) -> RenderS
     if settings.light_selection == "LEARNED":
         notices.append(Notice("Learned visibility of lights", problem, "the light tree chooses"))
     return replace(settings, guiding_method="OFF", light_selection="TREE")
+
+
+def _why_no_automatic_cache(settings: RenderSettings, passes: frozenset[str]) -> str:
+    """Why an automatic radiance cache would not pay, whatever the scene; '' where it may, or nobody asked.
+
+    A denoiser leaves a fifth to a fortieth of the noise, but all of what cells get wrong in the large
+    (docs/decisions/radiance-cache.md, "As a default"). Who asks for a denoiser's passes denoises elsewhere.
+    """
+    if settings.radiance_cache != "AUTO":
+        return ""
+    if settings.samples < LEAST_CACHED_SAMPLES:
+        return "so few samples are over before it could pay"
+    is_denoised = settings.use_denoising and not library.problem()
+    is_denoised |= bool(passes & DENOISING_PASSES)
+    return "a denoiser takes noise away, but not what cells get wrong" if is_denoised else ""
 
 
 def _cache_notice(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> Notice | None:

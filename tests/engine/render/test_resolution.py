@@ -104,10 +104,19 @@ def test_an_automatic_cache_is_left_without_a_warning_where_it_cannot_be():
     for settings, scene, reason in (
         (automatic, scene_of(disperses=True), "wavelengths"),
         (replace(automatic, samples=LEAST_CACHED_SAMPLES - 1), scene_of(), "so few samples"),
+        (replace(automatic, use_denoising=True), scene_of(), "a denoiser takes noise away"),
     ):
         found, problems = resolved(settings, scene)
         assert found.request.settings.radiance_cache == "OFF" and not found.request.layout.use_residual
         assert reason in found.cache_left_out and problems == []
+
+
+def test_who_asks_for_a_denoiser_s_passes_denoises_elsewhere():
+    passes = frozenset({"Combined", "Denoising Albedo"})
+    for kind, left in (("AUTO", "OFF"), ("CONVERGING", "CONVERGING")):
+        found = resolve(RenderSettings(radiance_cache=kind), scene_of(), passes, LearningRequest(), str)
+        assert found.request.settings.radiance_cache == left
+        assert bool(found.cache_left_out) == (kind == "AUTO")
 
 
 @pytest.mark.parametrize(("roulette", "count"), [("LEARNED", 1), ("AUTO", 0), ("THROUGHPUT", 0)])
