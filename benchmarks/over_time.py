@@ -94,6 +94,7 @@ def draw(found: Mapping[str, Lines], measure: str, to: Path) -> None:
     """A chart with a panel for each scene."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullLocator
 
     columns = min(len(found), _COLUMNS)
     rows = -(-len(found) // columns)
@@ -108,12 +109,16 @@ def draw(found: Mapping[str, Lines], measure: str, to: Path) -> None:
                 color=look.colour, marker=look.marker, linestyle=look.line,
             )  # fmt: skip
         panel.set_title(scene, fontsize="small")
-        panel.grid(visible=True, which="both", alpha=0.2)
+        panel.grid(visible=True, alpha=0.3)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
     for panel in panels[len(found) :]:
         panel.set_visible(False)
     figure.supxlabel("seconds", fontsize="small")
     figure.supylabel(measure, fontsize="small")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize="small")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=5, fontsize="small")
     figure.savefig(to, metadata={"Date": None})
 
 
