@@ -111,7 +111,7 @@ def draw(found: Mapping[str, Lines], measure: str, to: Path) -> None:
         panel.set_title(scene, fontsize="small")
         panel.grid(visible=True, alpha=0.3)
         for axis in (panel.xaxis, panel.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
             axis.set_major_formatter("{x:g}")
             axis.set_minor_locator(NullLocator())
     for panel in panels[len(found) :]:

@@ -34,7 +34,7 @@ LOOKS = {
     "TABLE_RIS": Look(_GREEN, "P"),
     "NEURAL_RIS": Look(_SKY, "X"),
     "AUTO": Look(_OLIVE, "*"),
-    "AUTO-AUTO": Look(_RED, "*"),
+    "AUTO-AUTO": Look(_RED, "4"),
     "SDTREE": Look(_PINK, "<", "--"),
     "SDTREE_VARIANCE": Look(_SKY, ">", "--"),
     "NPM": Look(_GREEN, "p", "--"),
@@ -50,7 +50,7 @@ _OTHERS = [Look(colour, "x", "-.") for colour in (_SKY, _OLIVE, _PINK, _ORANGE, 
 #: Marks in text, for matplotlib's markers.
 GLYPHS = {
     "o": "●", "s": "■", "^": "▲", "D": "◆", "v": "▼", "P": "✚", "X": "✖", "*": "★", "<": "◀", ">": "▶", "p": "⬟",
-    "h": "⬢", "d": "⬧", "H": "⬣", "1": "⅄", "2": "Y", "3": "≺", "x": "×", "+": "+",
+    "h": "⬢", "d": "⬧", "H": "⬣", "1": "⅄", "2": "Y", "3": "≺", "4": "≻", "x": "×", "+": "+",
 }  # fmt: skip
 
 #: Kinds of work (`figures.TIME_KINDS`): colours (Tol's muted ones) that no rival has, each with a hatch of its own.

@@ -55,7 +55,7 @@ def test_a_denoiser_that_fails_in_any_way_leaves_the_sampled_picture(
     def denoise(*_arguments: Any, **_named: Any) -> None:
         raise error
 
-    monkeypatch.setattr(denoising, "denoise", denoise)
+    monkeypatch.setattr(denoising, "denoise_all", denoise)
     result = render(use_denoising=True)
     assert problems(result) == [said]
     assert np.array_equal(result.passes["Combined"], result.passes["Noisy Image"])

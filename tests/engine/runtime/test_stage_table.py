@@ -11,6 +11,7 @@ import pytest
 
 from engine.methods import METHODS
 from engine.render import tracer
+from engine.render.data_passes import SPECULAR_MOTION
 from engine.render.precompile_worker import small_scene, strand
 from engine.render.session import Session
 from engine.runtime.bundle import Bundle
@@ -265,7 +266,8 @@ def test_the_main_loop_passes_what_its_stages_take(
     description.instances.shading_offset = np.full(len(description.instances.mesh), offset, np.float32)
     session.load(description)
     # A pass of each kind: they have stages of their own.
-    session.render(passes=("Combined", "Normal", "Mist", "Denoising Albedo", "Glossy Color", "Ambient Occlusion"))
+    passes = ("Combined", "Normal", "Mist", "Denoising Albedo", "Glossy Color", "Ambient Occlusion", SPECULAR_MOTION)
+    session.render(passes=passes)
     assert arguments, "the loop was not compiled"
     table = arguments[-1][0]
     assert isinstance(table, StageTable)
