@@ -15,12 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.metrics import flip
 from benchmarks.report.collect import Batch, SceneResults, collect
 from benchmarks.report.look import LOOKS, Look
 from benchmarks.rivals import CYCLES_RIVALS, DENOISED
 from benchmarks.tables import format_figure, geometric_mean, table
-from benchmarks.total_error import total_error, two_references
+from benchmarks.total_error import flip_of, total_error, two_references
 
 _COLUMNS = 4
 
@@ -58,19 +57,17 @@ def lines_of(scene: SceneResults, references: tuple[np.ndarray, np.ndarray], *, 
 
 def _error(batch: Batch, references: tuple[np.ndarray, np.ndarray], *, is_denoised: bool) -> float:
     images = [render.image for render in batch.renders]
-    if not is_denoised:
-        return total_error(images, references).total
-    truth = 0.5 * (references[0] + references[1])
-    return float(np.median([flip(image, truth) for image in images]))
+    return flip_of(images, references) if is_denoised else total_error(images, references).total
 
 
 def over_better_cycles(lines: Lines) -> dict[tuple[str, int], float]:
     """Error of the better Cycles over that of each of ours, by rival and budget, the first being 0."""
     cycles = [lines[name] for name in CYCLES_RIVALS if name in lines]
+    common = min((len(points) for points in cycles), default=0)
     return {
         (rival, place): min(one[place].error for one in cycles) / point.error
         for rival, points in lines.items() if rival not in CYCLES_RIVALS
-        for place, point in enumerate(points) if all(place < len(one) for one in cycles) and cycles
+        for place, point in enumerate(points[:common])
     }  # fmt: skip
 
 

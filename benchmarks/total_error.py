@@ -60,6 +60,12 @@ def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, Floa
     return TotalError(total, variance, bias_squared, float(mean.mean() / truth.mean()) - 1.0)
 
 
+def flip_of(images: Sequence[FloatArray], references: tuple[FloatArray, FloatArray]) -> float:
+    """FLIP of renders of one kind to the mean of the references, whose noise is in it: median over seeds."""
+    truth = 0.5 * (references[0] + references[1])
+    return float(np.median([flip(image, truth) for image in images]))
+
+
 def two_references(scene: SceneResults, among: Sequence[SceneResults]) -> tuple[FloatArray, FloatArray]:
     """The two renders of a scene that others are compared with.
 
@@ -84,13 +90,11 @@ def _row(
 ) -> list[float | int | str | None]:
     images = [render.image for render in batch.renders]
     error = total_error(images, references)
-    # The references' noise is in it.
-    truth = 0.5 * (references[0] + references[1])
     samples = float(np.median([render.record.samples for render in batch.renders]))
     return [
         scene.name, batch.rival, denoised_label(batch.rival), str(batch.budget), len(batch.renders), error.total,
         error.variance, error.bias_squared, f"{error.difference:+.2%}",
-        float(np.median([flip(image, truth) for image in images])), round(samples),
+        flip_of(images, references), round(samples),
     ]
 
 

@@ -20,7 +20,6 @@ import threading
 
 import numpy as np
 
-from engine.denoise import library
 from engine.render.denoising import Denoising, failure
 from engine.render.film import Film
 from engine.scene.description import Notice
@@ -184,8 +183,7 @@ class DenoisedThreshold:
         try:
             error = self.estimate(samples)
         except Exception as problem:  # whatever went wrong: the render goes on
-            said = str(problem) if isinstance(problem, library.DenoiserFailed) else failure(problem)
-            self.notices.append(Notice("Denoised Noise", said, "it ends no render"))
+            self.notices.append(Notice("Denoised Noise", failure(problem), "it ends no render"))
             self.due = math.inf
             return False
         if error is None:

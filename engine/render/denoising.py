@@ -92,8 +92,7 @@ class Denoising:
         try:
             denoised = self._denoised(images, should_cancel, film, exposure)
         except Exception as error:  # whatever went wrong: there is a picture, and it must not be lost
-            problem = str(error) if isinstance(error, library.DenoiserFailed) else failure(error)
-            self.notices.append(Notice("Denoising", problem, _FALLBACK))
+            self.notices.append(Notice("Denoising", failure(error), _FALLBACK))
             return True
         if denoised is None:
             return False
@@ -152,4 +151,6 @@ class Denoising:
 
 def failure(error: Exception) -> str:
     """What went wrong, for users."""
+    if isinstance(error, library.DenoiserFailed):
+        return str(error)
     return "out of memory" if isinstance(error, MemoryError) else f"failed: {type(error).__name__}: {error}"

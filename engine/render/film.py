@@ -219,15 +219,15 @@ class Film:
         """As `with_residual`, of two denoised halves of a part of `cached_image`, each with half of the measuring
         paths. Bands are those of the part alone.
         """
-        scale = np.float32(exposure) * self._scale()
 
         def of_cell(values: np.ndarray) -> np.ndarray:
             part = values.reshape(self.height, self.width, -1)[cell]
             return np.ascontiguousarray(part).reshape(-1, part.shape[2])
 
+        scale = of_cell(np.float32(exposure) * self._scale())
         first, second = halves_with_relative_residual(
-            (denoised[0].reshape(-1, 3), denoised[1].reshape(-1, 3)), of_cell(self.sums.residual * scale),
-            of_cell(self.sums.residual_square * scale[:, 0] ** 2)[:, 0], (len(denoised[0]), denoised[0].shape[1]),
+            (denoised[0].reshape(-1, 3), denoised[1].reshape(-1, 3)), of_cell(self.sums.residual) * scale,
+            of_cell(self.sums.residual_square)[:, 0] * scale[:, 0] ** 2, (len(denoised[0]), denoised[0].shape[1]),
         )
         return first.reshape(denoised[0].shape), second.reshape(denoised[1].shape)
 

@@ -133,7 +133,7 @@ def _with_u(settings: RenderSettings, description: SceneDescription, learning: L
 
 def _with_denoiser(settings: RenderSettings, notices: list[Notice]) -> RenderSettings:
     """Settings without a threshold on the denoised picture where there will be none."""
-    if settings.denoised_threshold == 0.0 or (settings.use_denoising and not library.problem()):
+    if settings.denoised_threshold == 0.0 or _is_denoised(settings):
         return settings
     problem = "there is no denoiser" if settings.use_denoising else "nothing is denoised: Denoise is off"
     notices.append(Notice("Denoised Noise", problem, "it ends no render"))
@@ -154,6 +154,11 @@ def _with_short_rays(settings: RenderSettings, notices: list[Notice]) -> RenderS
     return replace(settings, guiding_method="OFF", light_selection="TREE")
 
 
+def _is_denoised(settings: RenderSettings) -> bool:
+    """Whether the picture is to be denoised, and can be."""
+    return settings.use_denoising and not library.problem()
+
+
 def _why_no_automatic_cache(settings: RenderSettings, passes: frozenset[str]) -> str:
     """Why an automatic radiance cache would not pay, whatever the scene; '' where it may, or nobody asked.
 
@@ -164,8 +169,7 @@ def _why_no_automatic_cache(settings: RenderSettings, passes: frozenset[str]) ->
         return ""
     if settings.samples < LEAST_CACHED_SAMPLES:
         return "so few samples are over before it could pay"
-    is_denoised = settings.use_denoising and not library.problem()
-    is_denoised |= bool(passes & DENOISING_PASSES)
+    is_denoised = _is_denoised(settings) or passes & DENOISING_PASSES
     return "a denoiser takes noise away, but not what cells get wrong" if is_denoised else ""
 
 

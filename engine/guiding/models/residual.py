@@ -219,6 +219,14 @@ def _smooth(ended: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return _mean_around(ended.reshape(shape)).ravel()
 
 
+def _over_image(
+    image: np.ndarray, sums: np.ndarray, variance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What differences are taken over: the image, but nowhere near 0; and `sums` and `variance` over that."""
+    scale = np.maximum(image + _LEAST_SHARE * image.mean(), np.float32(1e-12))
+    return scale, sums / np.concatenate((scale, scale), axis=1), variance / (scale * scale).mean(axis=1)
+
+
 def with_relative_residual(
     denoised: np.ndarray, sums: np.ndarray, variance: np.ndarray, ended: np.ndarray, shape: tuple[int, int],
     own: OwnNoise,
@@ -238,9 +246,8 @@ def with_relative_residual(
     own : OwnNoise
         Of the cached image before it was denoised.
     """
-    scale = np.maximum(denoised + _LEAST_SHARE * denoised.mean(), np.float32(1e-12))
-    relative = sums / np.concatenate((scale, scale), axis=1)
-    known = known_residual(relative, variance / (scale * scale).mean(axis=1), shape)
+    scale, relative, relative_variance = _over_image(denoised, sums, variance)
+    known = known_residual(relative, relative_variance, shape)
     whole = np.maximum(denoised + known * scale, np.float32(0.0))
     free_noise = _FREE_NOISE_DENOISED * float(own.weighted.mean())
     return _with_mean_of(whole, denoised, sums, variance, _smooth(ended, shape), free_noise)
@@ -259,10 +266,8 @@ def halves_with_relative_residual(
         Of halves of the samples.
     sums, variance, shape : see `known_residual`
     """
-    middle = np.float32(0.5) * (denoised[0] + denoised[1])
-    scale = np.maximum(middle + _LEAST_SHARE * middle.mean(), np.float32(1e-12))
-    relative = sums / np.concatenate((scale, scale), axis=1)
-    found = residual_noise(relative, variance / (scale * scale).mean(axis=1), shape)
+    scale, relative, relative_variance = _over_image(np.float32(0.5) * (denoised[0] + denoised[1]), sums, variance)
+    found = residual_noise(relative, relative_variance, shape)
     first = denoised[0] + (found.known - found.difference) * scale
     second = denoised[1] + (found.known + found.difference) * scale
     return np.maximum(first, np.float32(0.0)), np.maximum(second, np.float32(0.0))
