@@ -14,7 +14,7 @@ from engine.guiding.policy.context import RenderContext
 from engine.guiding.policy.costs import MethodCosts
 from engine.guiding.policy.evidence import Evidence
 from engine.guiding.policy.guidance import Guidance
-from engine.guiding.policy.iteration import Traced
+from engine.guiding.policy.iteration import Iteration, Traced
 from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.keeping import FieldKeeper
 from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
@@ -117,21 +117,24 @@ class Conductor:
         self.agenda.observe(unit, film, self._costs.unit(costs, unit.arm, self.agenda.way_of(unit.arm).rung))
 
     def learn(self, traced: Traced) -> Guidance:
-        started = time.perf_counter()
         iteration = self._evidence.iteration(traced, self.agenda, self._learning_seconds)
         self.agenda.conclude(iteration)
         if self._notes_loss():
             self._evidence.take_back()
         if not iteration.is_early:
             self._recording.count(iteration)
-            for learnable in self.learnables:
-                if not learnable.is_over:
-                    learnable.learn(iteration)
+            self._learning_seconds = sum(self._learn(learnable, iteration) for learnable in self.learnables)
         self.agenda.plan(iteration)
         self._notes_loss()
-        if not iteration.is_early:
-            self._learning_seconds = time.perf_counter() - started
         return self._guidance(self._recording.next(iteration, self.agenda))
+
+    def _learn(self, learnable: Learnable, iteration: Iteration) -> float:
+        """Have one learn; returns the seconds that guiding has to pay for."""
+        if learnable.is_over:
+            return 0.0
+        started = time.perf_counter()
+        learnable.learn(iteration)
+        return time.perf_counter() - started if learnable.serves_guiding else 0.0
 
     def _notes_loss(self) -> bool:
         """End what guided paths need, if guiding has just been given up; returns whether it has."""

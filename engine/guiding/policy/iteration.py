@@ -52,7 +52,7 @@ class Iteration:
     is_early : bool, nothing is learned from it yet: its records wait for those of the next
     samples_left : float, a pixel, as far as it is known
     is_next_last : bool, nobody will go by what the next iteration finds
-    learning_seconds : float, that learning took the last time, of one thread [s]
+    learning_seconds : float, that learning what guides took the last time, of one thread [s]
     """
 
     traced: Traced
@@ -105,6 +105,11 @@ class Iteration:
     def guided_share(self) -> float:
         """Share of its samples that were guided, where any were."""
         return guided_share(self.arms)
+
+    @property
+    def sample_count(self) -> int:
+        """Samples a pixel, guided and not."""
+        return sum(count for _, count, _ in self.arms)
 
     @property
     def path_count(self) -> float:

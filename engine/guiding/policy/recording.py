@@ -96,8 +96,10 @@ class GuidedRecording(Recording):
             # From the next iteration on: what stands in for the source has learned from all of this one.
             self._needs_all = False
         budget.is_frugal = self._guiding.is_doubtful
-        samples = iteration.next_range[1] * agenda.guided_share
-        return Guidance(settings, budget.threshold(samples, agenda.pixel_share))
+        threshold = budget.threshold(iteration.next_range[1] * agenda.guided_share, agenda.pixel_share)
+        if self._cache is not None and not self._cache.is_over:
+            threshold = threshold_beside_cache(threshold, iteration.next_sample, self._context.rules)
+        return Guidance(settings, threshold)
 
 
 class UnguidedRecording(Recording):
@@ -169,10 +171,8 @@ class CacheRecording(Recording):
 
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
         self.is_over = self._standing.is_over
-        rules = self._context.rules
         threshold = 0 if self.is_over else self.budget.threshold(iteration.next_range[1])
-        if iteration.next_sample >= rules.cache_early_samples:
-            threshold = min(threshold, int(rules.cache_measured_share * 2**32))
+        threshold = threshold_beside_cache(threshold, iteration.next_sample, self._context.rules)
         return Guidance(self._context.settings, threshold)
 
 
@@ -205,6 +205,22 @@ class BehindCache(Recording):
         guidance = self._now.next(iteration, agenda)
         self.is_over = self._now.is_over
         return guidance
+
+
+def threshold_beside_cache(threshold: int, next_sample: int, rules: Rules = RULES) -> int:
+    """Paths that record where others end in the radiance cache: they go on, and cost what the cache would save.
+
+    Parameters
+    ----------
+    threshold : int
+        Paths whose hash is below would be recorded: 2**32 is all.
+    next_sample : int
+        Samples a pixel so far. The first cells are taught by all.
+    rules : Rules
+    """
+    if next_sample < rules.cache_early_samples:
+        return threshold
+    return min(threshold, int(rules.cache_recorded_share * 2**32))
 
 
 def learns_after(samples: int, *, lights_pay: bool, rules: Rules = RULES) -> bool:

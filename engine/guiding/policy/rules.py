@@ -152,6 +152,8 @@ class Rules:
 
     #: Least share of the paths that go on where they could end, and measure what the cache lacks.
     cache_measured_share: float = 0.125
+    #: Most of the paths that record, and so go on and measure too, once cells say something.
+    cache_recorded_share: float = 0.25
     #: The share is judged again at so many times the samples.
     cache_again: float = 1.5
     #: The cache is given up where a picture has so many times the error at equal cost that it would have without: by
@@ -162,9 +164,6 @@ class Rules:
     cache_looks: int = 3
     #: What asking and teaching cells costs, as a factor of what paths cost.
     cache_cost: float = 1.1
-    #: What a render could do without it by learned roulette, which it has not with it: that is 1.06 to 1.3 times as
-    #: efficient in the cases of stability.
-    cache_forgone: float = 1.1
     #: It is given up at once, too, where what it lacks in the large is surely more than this share of what it says, as
     #: squares, and more than the noise of an image without it: of details of such a lie too little is known in time.
     #: Single bright paths make standard errors that are too small by twice themselves or more; gross lies stand out by

@@ -27,6 +27,8 @@ class LearnedCache(Learnable):
         The cache's.
     """
 
+    serves_guiding = False
+
     def __init__(self, context: RenderContext, standing: Standing) -> None:
         self._report, self._standing = context.report, standing
         self._cells = CellModel()

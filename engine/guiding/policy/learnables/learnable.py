@@ -28,7 +28,14 @@ class Learnable:
     """Learns something from the records of each iteration; this one learns nothing.
 
     A new learnable is a class like this and a line of `engine.guiding.policy.sets`.
+
+    Attributes
+    ----------
+    serves_guiding : bool
+        Whether what it learns is of use to guided paths alone, so that guiding has to pay for it.
     """
+
+    serves_guiding: bool = True
 
     @property
     def is_over(self) -> bool:

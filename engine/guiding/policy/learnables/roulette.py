@@ -37,6 +37,8 @@ class LearnedRoulette(Learnable):
         That of the radiance cache: as long as it lasts, the first samples are learned from and no path goes by them.
     """
 
+    serves_guiding = False
+
     def __init__(self, context: RenderContext, until: float = math.inf, cache: Standing | None = None) -> None:
         self._report = context.report
         self._until, self._cache, self._early_samples = until, cache, context.rules.learned_samples

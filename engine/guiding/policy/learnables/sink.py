@@ -20,6 +20,8 @@ class Handed(Learnable):
     regions : LearnedRegions
     """
 
+    serves_guiding = False
+
     def __init__(self, sink: RecordSink, standing: Standing, regions: LearnedRegions) -> None:
         self._sink, self._standing, self._regions = sink, standing, regions
 

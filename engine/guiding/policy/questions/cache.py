@@ -87,8 +87,6 @@ class CacheQuestion(Question):
         self._losses = Losses(context.rules)
         #: Surfaces that a path met in the first iteration; before it is known, all paths count as whole.
         self._whole_length = 0.0
-        #: What is lost with the cache besides: without it roulette would be learned.
-        self._forgone = context.rules.cache_forgone if context.settings.learns_roulette else 1.0
 
     @property
     def is_over(self) -> bool:
@@ -142,6 +140,6 @@ class CacheQuestion(Question):
         )
         said = float(((sums.ended / weight[:, 0]) ** 2 * weights).mean())
         is_wrong = seen > max(rules.cache_wrong * said, whole)
-        if is_wrong or self._losses.decide(error_ratio * cost * self._forgone):
+        if is_wrong or self._losses.decide(error_ratio * cost):
             self._standing.is_over = True
             self._report.cache_stopped_at = next_sample

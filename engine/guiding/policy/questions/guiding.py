@@ -19,12 +19,29 @@ from engine.guiding.policy.plain_trial import PlainTrial
 from engine.guiding.policy.questions.media import MediaQuestion
 from engine.guiding.policy.questions.method import MethodQuestion
 from engine.guiding.policy.questions.question import Question
+from engine.guiding.policy.rules import Rules
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.policy.way import MEDIA, SURFACES, Way
 from engine.guiding.saved.learned import LOST
 from engine.state.film import FilmTile
 from engine.state.unit import PLAIN, Unit
+
+
+def learning_overhead(iteration: Iteration, thread_count: int, rules: Rules) -> float:
+    """What learning will cost, as a share of what guiding all pixels will.
+
+    The iterations compared are short. Those to come are longer, and learn from as many records.
+
+    Parameters
+    ----------
+    iteration : Iteration, that has compared
+    thread_count : int
+    rules : Rules
+    """
+    learning = iteration.learning_seconds * thread_count
+    to_come = min(rules.longest_iteration, iteration.samples_left)
+    return learning / max(iteration.seconds * max(to_come / iteration.sample_count, 1.0), 1e-9)
 
 
 class GuidingQuestion(Question):
@@ -105,9 +122,7 @@ class GuidingQuestion(Question):
     def conclude(self, iteration: Iteration) -> None:
         overhead = 0.0
         if self._uses_clock:
-            # What learning costs is compared with what guiding all pixels would.
-            learning = iteration.learning_seconds * self._context.thread_count
-            overhead = learning / max(iteration.seconds, 1e-9)
+            overhead = learning_overhead(iteration, self._context.thread_count, self._context.rules)
         next_sample, weights = iteration.next_sample, iteration.image.weights
         assert weights is not None
         says = self.trial.judge(

@@ -141,7 +141,7 @@ class RouletteQuestion(Question):
     uses_clock : bool
         Whether units cost seconds; else rays.
     cache : Standing, optional
-        The radiance cache's: as long as paths end there, roulette goes by the throughput.
+        The radiance cache's: as long as paths end there, nobody asks.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class RouletteQuestion(Question):
 
     def way(self, way: Way) -> Way:
         is_won = self._trial is None or (self._trial.is_won and not self._trial.is_running)
-        return replace(way, ends_by_learned=is_won and not self._has_cache)
+        return replace(way, ends_by_learned=is_won)
 
     def challenge(self, way: Way) -> Way:
         return replace(way, ends_by_learned=True)

@@ -41,12 +41,13 @@ def question(cache: Standing | None, guiding: Standing) -> RouletteQuestion:
     return RouletteQuestion(context(), guiding, roulette, keeps_outside_trial=False, uses_clock=False, cache=cache)
 
 
-def test_roulette_goes_by_what_was_learned_once_the_cache_is_over() -> None:
+def test_roulette_goes_by_what_was_learned_with_a_cache_and_without() -> None:
     cache = Standing()
     asked = question(cache, Standing())
-    assert not asked.way(Way()).ends_by_learned
+    assert asked.way(Way(ends_by_learned=False)).ends_by_learned
     cache.is_over = True
-    assert asked.way(Way()).ends_by_learned and question(None, Standing()).way(Way()).ends_by_learned
+    assert asked.way(Way(ends_by_learned=False)).ends_by_learned
+    assert question(None, Standing()).way(Way(ends_by_learned=False)).ends_by_learned
 
 
 def test_roulette_is_tried_once_both_guiding_and_the_cache_are_over() -> None:

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What guiding is charged for learning, and for the paths that record."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from engine.guiding.policy.iteration import Iteration
+from engine.guiding.policy.learnables.cache import LearnedCache
+from engine.guiding.policy.learnables.learnable import Learnable
+from engine.guiding.policy.learnables.regions import LearnedRegions
+from engine.guiding.policy.learnables.roulette import LearnedRoulette
+from engine.guiding.policy.questions.guiding import learning_overhead
+from engine.guiding.policy.questions.question import Question
+from engine.guiding.policy.recording import threshold_beside_cache
+from engine.guiding.policy.rules import RULES
+from engine.guiding.policy.sets import make_learner
+from engine.render import render_loop
+from tests.helpers.seeded_renders import render
+from tests.helpers.small_scenes import pit_scene
+
+SIZE = (16, 16)
+SLOW = 0.05
+
+
+class Slow(Learnable):
+    """Takes its time, for guided paths or not."""
+
+    def __init__(self, *, serves_guiding: bool) -> None:
+        self.serves_guiding = serves_guiding
+
+    def learn(self, iteration: Iteration) -> None:
+        time.sleep(SLOW)
+
+
+class Listener(Question):
+    """Takes down what learning took."""
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+
+    def conclude(self, iteration: Iteration) -> None:
+        self.seconds.append(iteration.learning_seconds)
+
+
+@pytest.mark.parametrize("serves_guiding", [True, False])
+def test_guiding_pays_for_what_serves_it(serves_guiding: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    listener = Listener()
+
+    def with_both(*arguments: Any, **named: Any) -> Any:
+        learner = make_learner(*arguments, **named)
+        assert learner is not None
+        # Nothing else learns, so that only this one can be charged.
+        learner.learnables[:] = [Slow(serves_guiding=serves_guiding)]
+        learner.agenda.questions.append(listener)
+        return learner
+
+    monkeypatch.setattr(render_loop, "make_learner", with_both)
+    render("VMM", 1, scene=lambda: pit_scene(SIZE), samples=16, guiding_trial=False, deterministic=True)
+    assert len(listener.seconds) >= 3
+    charged = max(listener.seconds[1:])
+    assert charged >= SLOW if serves_guiding else charged == 0.0
+
+
+def test_neither_cells_nor_roulette_are_charged_to_guiding() -> None:
+    """Paths that are not guided go by them too."""
+    assert not LearnedCache.serves_guiding and not LearnedRoulette.serves_guiding and LearnedRegions.serves_guiding
+
+
+@pytest.mark.parametrize(
+    ("sample_count", "samples_left", "share"),
+    [(4, math.inf, 0.5), (4, 200.0, 0.5), (4, 8.0, 1.0), (4, 2.0, 2.0), (16, math.inf, 2.0)],
+)
+def test_short_iterations_say_what_learning_costs_in_long_ones(
+    sample_count: int, samples_left: float, share: float
+) -> None:
+    """Guiding was given up at the eighth sample of small pictures for what learning cost beside four samples."""
+    iteration: Any = type("", (), {})()
+    iteration.learning_seconds, iteration.seconds = 1.0, 1.0
+    iteration.sample_count, iteration.samples_left = sample_count, samples_left
+    assert learning_overhead(iteration, 2, RULES) == pytest.approx(share)
+
+
+def test_few_paths_record_where_others_end_in_cells() -> None:
+    everything, early = 1 << 32, RULES.cache_early_samples
+    rules = replace(RULES, cache_recorded_share=0.25)
+    assert threshold_beside_cache(everything, early - 1, rules) == everything
+    assert threshold_beside_cache(everything, early, rules) == 1 << 30
+    assert threshold_beside_cache(1 << 20, early, rules) == 1 << 20
