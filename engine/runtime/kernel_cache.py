@@ -29,6 +29,7 @@ import numpy as np
 from numba.core import caching, config, sigutils
 from numba.core.serialize import dumps
 
+from engine.runtime.bounds import is_checked
 from engine.runtime.kernel_library import kernel_key, kernel_library
 from engine.runtime.kernel_library import problem as library_problem
 from engine.runtime.sources import PACKAGE, source_hash
@@ -133,7 +134,7 @@ def made_with(sources: str) -> str:
 
     What is saved refers to classes of ours by the package's name.
     """
-    return f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{sources}"
+    return f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{is_checked}{sources}"
 
 
 class _Locator(caching.UserProvidedCacheLocator):
