@@ -77,6 +77,16 @@ def _judged(report: _Report) -> _Report:
     return report
 
 
+@pytest.fixture(autouse=True)
+def _no_index_outside() -> Iterator[None]:
+    """Where kernels look at their indices, none of a test's is outside."""
+    from engine.runtime import bounds
+
+    before = len(bounds.found)
+    yield
+    assert bounds.found[before:] == []
+
+
 @pytest.fixture
 def blender() -> Iterator[Any]:
     """The module `bpy` with NeuralGuide registered and an empty file: no objects, no camera, one scene."""

@@ -19,6 +19,7 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, register_model
 
+from engine.runtime.bounds import all_within, several_within
 from engine.runtime.bundle import FieldType, array_of
 from engine.runtime.jit import kernel
 
@@ -128,8 +129,15 @@ def _place(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     indices.append(ir.Constant(indices[0].type, 0))
     if isinstance(array_type, FieldType):
         array_type = array_type.array_type
+    indices = all_within(context, builder, rows, indices)
     pointer = cgutils.get_item_pointer(context, builder, array_type, rows, indices)
     return builder.bitcast(pointer, _FLOATS.as_pointer())
+
+
+def _behind(builder: Any, first: Any, stride: Any = None) -> Any:
+    """Index of the last of eight elements."""
+    steps = ir.Constant(first.type, WIDTH - 1)
+    return builder.add(first, steps if stride is None else builder.mul(stride, steps))
 
 
 @intrinsic
@@ -149,7 +157,9 @@ def _load_from(typing_context: Any, array: Any, row: Any, first: Any) -> Any:
         rows = array_of(context, builder, array_type, arguments[0])
         if isinstance(array_type, FieldType):
             array_type = array_type.array_type
-        pointer = cgutils.get_item_pointer(context, builder, array_type, rows, arguments[1:3])
+        row, first = arguments[1:3]
+        first = several_within(context, builder, rows, first, _behind(builder, first))
+        pointer = cgutils.get_item_pointer(context, builder, array_type, rows, [row, first])
         return builder.load(builder.bitcast(pointer, _FLOATS.as_pointer()), align=4)
 
     return EIGHT(array, types.intp, types.intp), generate
@@ -163,8 +173,9 @@ def _words_as_floats(builder: Any, words: Any) -> Any:
 def _words_from(typing_context: Any, array: Any, first: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = array_of(context, builder, signature.args[0], arguments[0]).data
-        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), _SHORTS.as_pointer())
+        words = array_of(context, builder, signature.args[0], arguments[0])
+        first = several_within(context, builder, words, arguments[1], _behind(builder, arguments[1]))
+        pointer = builder.bitcast(builder.gep(words.data, [first]), _SHORTS.as_pointer())
         return _words_as_floats(builder, builder.load(pointer, align=2))
 
     return EIGHT(array, types.intp), generate
@@ -174,7 +185,9 @@ def _words_from(typing_context: Any, array: Any, first: Any) -> Any:
 def _words_apart(typing_context: Any, array: Any, first: Any, stride: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer = builder.gep(array_of(context, builder, signature.args[0], arguments[0]).data, [arguments[1]])
+        array = array_of(context, builder, signature.args[0], arguments[0])
+        last = _behind(builder, arguments[1], arguments[2])
+        pointer = builder.gep(array.data, [several_within(context, builder, array, arguments[1], last)])
         words = ir.Constant(_SHORTS, ir.Undefined)
         for k in range(WIDTH):
             words = builder.insert_element(words, builder.load(pointer), ir.Constant(_WORD, k))

@@ -10,7 +10,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from engine.runtime.bundle import RowsType
+from engine.runtime.bundle import RowsType, rows_at
 
 #: Floats that `local_floats` has room for.
 LOCAL_COUNT = 8
@@ -21,7 +21,7 @@ def _on_the_stack(typing_context: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         room = cgutils.alloca_once(builder, ir.ArrayType(ir.FloatType(), LOCAL_COUNT))
-        return builder.bitcast(room, ir.IntType(8).as_pointer())
+        return rows_at(builder, builder.bitcast(room, ir.IntType(8).as_pointer()), LOCAL_COUNT)
 
     return RowsType(types.float32, (), (4,))(), generate
 

@@ -11,7 +11,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from engine.runtime.bundle import RowsType, array_of
+from engine.runtime.bundle import RowsType, array_of, start_of_rows
 from engine.runtime.jit import kernel
 
 _READ, _KEEP, _DATA = 0, 3, 1
@@ -31,7 +31,7 @@ def prefetch_byte(typing_context: Any, array: Any, row: Any, offset: Any) -> Any
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
         if isinstance(array, RowsType):
-            start, stride = arguments[0], ir.Constant(ir.IntType(64), array.strides[0])
+            start, stride = start_of_rows(builder, arguments[0]), ir.Constant(ir.IntType(64), array.strides[0])
         else:
             fields = array_of(context, builder, signature.args[0], arguments[0])
             start, stride = fields.data, builder.extract_value(fields.strides, 0)

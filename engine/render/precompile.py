@@ -21,11 +21,10 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 import numba
-import numpy as np
 
 from engine.processes.interpreter import find_interpreter
 from engine.render.compile_progress import CompileClock, CompileProgress, Work, reported
-from engine.runtime.kernel_cache import cache_root
+from engine.runtime.kernel_cache import cache_root, made_with
 from engine.runtime.kernel_library import engine_sources, kernel_library
 from engine.runtime.sources import PACKAGE
 
@@ -80,9 +79,8 @@ def count_file(part: str) -> Path:
 
 def stamp_file(part: str) -> Path:
     """File that says that `part` is in the cache, for these sources and this processor."""
-    made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{engine_sources()}"
     processor = llvm.get_host_cpu_name() + llvm.get_host_cpu_features().flatten()  # type: ignore[no-untyped-call]
-    digest = hashlib.sha256((made_with + processor).encode()).hexdigest()[:16]
+    digest = hashlib.sha256((made_with(engine_sources()) + processor).encode()).hexdigest()[:16]
     return cache_root() / f"{part}-{digest}.complete"
 
 

@@ -261,6 +261,7 @@ class Tracer:
         if guidance is None or guidance.field is None:
             options = make_guiding_options(self._settings, candidate_count=1)
             return Arm(guidance, {"options": options, **self._nothing_learned}, radiance, self.view, header)
+        guidance.check_regions()
         options = make_guiding_options(
             self._settings,
             candidate_count=guidance.candidate_count,

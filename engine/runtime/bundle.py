@@ -34,6 +34,8 @@ from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, inf
 from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
 from numba.np.arrayobj import make_array, populate_array
 
+from engine.runtime.bounds import is_checked, within
+
 #: Words per field in a bundle's table: address, then the shape.
 _FIELD_WORDS = 4
 #: Size of a number of a named tuple.
@@ -112,8 +114,7 @@ class Bundle:
                 table[word] = value._address
             elif isinstance(value, np.ndarray):
                 table[word] = value.ctypes.data
-                if not self._rows:
-                    table[word + 1 : word + 1 + value.ndim] = value.shape
+                table[word + 1 : word + 1 + value.ndim] = value.shape
         return table, packed
 
     def _describe(self) -> BundleType:
@@ -173,7 +174,10 @@ class Bundle:
 
 
 class RowsType(types.Type):
-    """Numba's type of a field of a bundle of lanes: a pointer; strides [bytes], one a dimension, are constants."""
+    """Numba's type of a field of a bundle of lanes: a pointer; strides [bytes], one a dimension, are constants.
+
+    Where indices are looked at it is what a `FieldType` is, whose table knows the number of rows.
+    """
 
     def __init__(self, dtype: types.Type, inner: tuple[int, ...], strides: tuple[int, ...]) -> None:
         self.dtype, self.inner, self.strides = dtype, inner, strides
@@ -267,7 +271,9 @@ def _word(builder: Any, table: Any, offset: int) -> Any:
     """One word of a bundle's table, which nobody changes."""
     intp = ir.IntType(64)
     loaded = builder.load(builder.gep(builder.inttoptr(table, intp.as_pointer()), [ir.Constant(intp, offset)]))
-    loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
+    # Where indices are looked at, the table of what lies on the stack has just been written.
+    if not is_checked:
+        loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
     return loaded
 
 
@@ -279,7 +285,7 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
         result = context.get_constant_generic(builder, types.UniTuple(types.int64, len(described)), described)
         return result
     intp = ir.IntType(64)
-    if isinstance(described, FieldType):
+    if isinstance(described, FieldType) or (is_checked and isinstance(described, RowsType)):
         return builder.add(value, ir.Constant(intp, index * _FIELD_WORDS * _WORD_BYTES))
     first = _word(builder, value, index * _FIELD_WORDS)
     if isinstance(described, RowsType):
@@ -298,7 +304,7 @@ def _lower_attribute(context: Any, builder: Any, typ: BundleType, value: Any, at
 register_model(FieldType)(AddressModel)
 
 
-def _shape_of(builder: Any, field: FieldType, value: Any) -> list[Any]:
+def _shape_of(builder: Any, field: FieldType | RowsType, value: Any) -> list[Any]:
     sizes = [_word(builder, value, 1)]
     for axis, size in enumerate(field.inner, start=1):
         sizes.append(ir.Constant(ir.IntType(64), size) if size >= 0 else _word(builder, value, 1 + axis))
@@ -351,7 +357,24 @@ def _cast_to_array(context: Any, builder: Any, fromty: FieldType, toty: types.Ar
 @register_model(RowsType)
 class _RowsModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, ir.IntType(8).as_pointer())
+        super().__init__(dmm, fe_type, ir.IntType(64) if is_checked else ir.IntType(8).as_pointer())
+
+
+def start_of_rows(builder: Any, value: Any) -> Any:
+    """Where a `RowsType` begins: an untyped pointer."""
+    return builder.inttoptr(_word(builder, value, 0), ir.IntType(8).as_pointer()) if is_checked else value
+
+
+def rows_at(builder: Any, start: Any, count: int) -> Any:
+    """A `RowsType` of memory that is no field: an untyped pointer to so many rows."""
+    if not is_checked:
+        return start
+    word = ir.IntType(64)
+    table = cgutils.alloca_once(builder, ir.ArrayType(word, 2))
+    values = builder.ptrtoint(start, word), ir.Constant(word, count)
+    for position, value in enumerate(values):
+        builder.store(value, cgutils.gep_inbounds(builder, table, 0, position))
+    return builder.ptrtoint(table, word)
 
 
 def _index_types(index: Any) -> tuple | None:
@@ -393,13 +416,15 @@ def _element_pointer(context: Any, builder: Any, array: Any, value: Any, index_t
         strides = _strides_of(context, builder, array, value)
         start = builder.inttoptr(_word(builder, value, 0), ir.IntType(8).as_pointer())
     else:
-        strides, start = [ir.Constant(intp, stride) for stride in array.strides], value
+        strides, start = [ir.Constant(intp, stride) for stride in array.strides], start_of_rows(builder, value)
+    sizes = _shape_of(builder, array, value) if is_checked else [None] * len(strides)
     parts = _index_types(index_type)
     assert parts is not None
     values = cgutils.unpack_tuple(builder, index) if isinstance(index_type, types.BaseTuple) else [index]
     offset = ir.Constant(intp, 0)
-    for part, part_value, stride in zip(parts, values, strides, strict=True):
+    for axis, (part, part_value, stride, size) in enumerate(zip(parts, values, strides, sizes, strict=True)):
         position = context.cast(builder, part_value, part, types.intp)
+        position = within(context, builder, position, size, f"axis {axis} of {array}")
         offset = builder.add(offset, builder.mul(position, stride, flags=["nsw"]), flags=["nsw"])
     return builder.bitcast(builder.gep(start, [offset]), context.get_data_type(array.dtype).as_pointer())
 

@@ -32,6 +32,7 @@ import numpy as np
 from numba.core import sigutils, types
 from numba.core.typing.typeof import typeof_impl
 
+from engine.runtime.bounds import is_checked
 from engine.runtime.flags import keep_flags
 from engine.runtime.kernel_cache import KernelCache
 from engine.runtime.pipeline import KernelCompiler
@@ -197,6 +198,7 @@ def kernel(
             "error_model": "numpy",
             "fastmath": set(fastmath) if isinstance(fastmath, frozenset) else fastmath,
             "forceinline": forceinline,
+            "boundscheck": is_checked,
             # No allocation in kernels, so no reference counting: it was most of the code.
             "_nrt": False,
             "no_cfunc_wrapper": not called_by_c,

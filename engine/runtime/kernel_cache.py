@@ -29,6 +29,7 @@ import numpy as np
 from numba.core import caching, config, sigutils
 from numba.core.serialize import dumps
 
+from engine.runtime.bounds import is_checked
 from engine.runtime.kernel_library import kernel_key, kernel_library
 from engine.runtime.kernel_library import problem as library_problem
 from engine.runtime.sources import PACKAGE, source_hash
@@ -128,6 +129,14 @@ def _temporary() -> Path | None:
     return Path(folder)
 
 
+def made_with(sources: str) -> str:
+    """What makes kernels of sources, by their hash, what they are.
+
+    What is saved refers to classes of ours by the package's name.
+    """
+    return f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{is_checked}{sources}"
+
+
 class _Locator(caching.UserProvidedCacheLocator):
     """The folder `numba.config.CACHE_DIR` itself, whether or not it can be written.
 
@@ -173,10 +182,7 @@ class KernelCache(caching.NullCache):
 
     @cached_property
     def _saved(self) -> _SavedKernels:
-        # Beside the sources, what else makes the machine code another: what is saved refers to classes of ours by the
-        # package's name.
-        made_with = f"{PACKAGE}{sys.version_info[:2]}{numba.__version__}{np.__version__}{self._sources}"
-        digest = hashlib.sha256(made_with.encode()).hexdigest()[:16]
+        digest = hashlib.sha256(made_with(self._sources).encode()).hexdigest()[:16]
         return _SavedKernels(self._function, cache_root() / f"{self._function.__module__.rpartition('.')[2]}-{digest}")
 
     @property
@@ -206,31 +212,31 @@ class KernelCache(caching.NullCache):
         self._saved.save_overload(sig, data)
 
 
-class _Files(caching.IndexDataCacheFile):
-    """Numba's files of one kernel, each after its own digest: machine code with one bit wrong ends the process."""
+class _Files:
+    """Files of one kernel, one for each of its signatures, each after its own digest: machine code with one bit wrong
+    ends the process.
 
-    def _load_index(self) -> dict[Any, str]:
-        stored = self._read(self._index_path)
-        return {} if stored is None else stored
+    Numba numbers such files and keeps the numbers in an index. Processes that save at the same time take the same
+    number, and one then runs what the other has compiled for arguments of other types. Here the signature is the name.
+    """
 
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, overloads)
+    def __init__(self, folder: Path, base: str) -> None:
+        self._folder, self._base = folder, base
 
-    def _load_data(self, name: str) -> Any:
-        return self._read(self._data_path(name))
+    def path(self, key: Any) -> Path:
+        """Where the machine code for `key` lies, whose parts are told apart by what they are called."""
+        return self._folder / f"{self._base}.{_digest(repr(key).encode()).hex()[:16]}.nbc"
 
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), data)
-
-    def _read(self, path: str) -> Any:
-        """What was written; None if nothing was, or it is damaged, or somebody else may have written it."""
-        stored = read_trusted(Path(path)) or b""
+    def load(self, key: Any) -> Any:
+        """What was saved; None if nothing was, or it is damaged, or somebody else may have written it."""
+        stored = read_trusted(self.path(key)) or b""
         digest, body = stored[:_DIGEST_SIZE], stored[_DIGEST_SIZE:]
         return pickle.loads(body) if body and _digest(body) == digest else None
 
-    def _write(self, path: str, content: Any) -> None:
-        body = dumps(content)
-        write_trusted(Path(path), _digest(body) + body)
+    def save(self, key: Any, data: Any) -> None:
+        """Save it."""
+        body = dumps(data)
+        write_trusted(self.path(key), _digest(body) + body)
 
 
 def _digest(data: bytes) -> bytes:
@@ -252,16 +258,14 @@ class _SavedKernels(caching.FunctionCache):
             super().__init__(function)
         finally:
             config.CACHE_DIR = previous
-        self._cache_file = _Files(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._cache_file = _Files(folder, self._impl.filename_base)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What was saved for a signature; None if nothing was or it is damaged."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:
-            # What is whole may still be of no use, such as that of another numba. Saving would stumble over it too.
-            with contextlib.suppress(OSError):
-                os.unlink(self._cache_file._index_path)
+            # What is whole may still be of no use. It is compiled again, and saved in its place.
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

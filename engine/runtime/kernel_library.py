@@ -34,6 +34,7 @@ from numba.core.compiler import CompileResult
 from numba.core.environment import Environment
 from numba.core.typing import signature
 
+from engine.runtime.bounds import is_checked
 from engine.runtime.sources import PACKAGE, ROOT, hash_of, reached_files, source_hash
 from engine.runtime.trusted_files import read_trusted, weakness
 
@@ -260,7 +261,7 @@ class _Opened:
         self.library: KernelLibrary | None = None
         self.problems: list[str] = []
         named = os.environ.get(FOLDER_VARIABLE)
-        if numba.config.DISABLE_JIT or named == "":
+        if numba.config.DISABLE_JIT or is_checked or named == "":
             return
         folder = Path(named) if named else FOLDER
         tag = f"py{sys.version_info.major}{sys.version_info.minor}"

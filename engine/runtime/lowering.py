@@ -20,6 +20,8 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import BaseNativeLowering
 
+from engine.runtime.bounds import is_checked, stand_at
+
 
 def leave_uncleared(function: ir.Function) -> None:
     """Drop the stores that clear the slots which calls of a function return into."""
@@ -37,6 +39,11 @@ def leave_uncleared(function: ir.Function) -> None:
 
 
 class _KernelLower(Lower):
+    def lower_inst(self, inst: Any) -> None:
+        if is_checked:
+            stand_at(self.func_ir.func_id.func_qualname, inst.loc.line)
+        super().lower_inst(inst)
+
     def post_lower(self) -> None:
         super().post_lower()
         leave_uncleared(self.function)

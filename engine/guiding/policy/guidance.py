@@ -64,6 +64,30 @@ class Guidance:
     lights: LightSelection | None = None
     guides_media: bool = True
 
+    def check_regions(self) -> None:
+        """Look whether all that is known by region is of the field's regions: kernels look at no index.
+
+        Raises
+        ------
+        ValueError
+            If anything is of more or fewer.
+        """
+        if self.field is None:
+            return
+        assert self.probability is not None and self.light_share is not None and self.benefit is not None
+        assert self.allocation is not None
+        count = len(self.field.is_ready)
+        rows = {
+            "guiding probability": (len(self.probability), count, 2 * count),
+            "candidate allocation": (len(self.allocation.variance_delta), count, 2 * count),
+            "light share": (len(self.light_share), count),
+            "benefit of guiding": (len(self.benefit), count),
+            "table": (count if self.table is None else len(self.table.values), count),
+        }
+        for name, (found, *expected) in rows.items():
+            if found not in expected:
+                raise ValueError(f"the {name} knows {found} regions, and the mixture field has {count}")
+
     def plain(self) -> Guidance:
         """The same without guiding, and without recording."""
         plain = Guidance(self.settings, 0)

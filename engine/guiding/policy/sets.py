@@ -222,7 +222,7 @@ class _Guided:
         first = predictors.of(self.rungs[0])
         # Who asks for a number of candidates gets what predicts at once.
         if gate is None and not ladder.is_auto and not first.has_begun:
-            first.begin(1)
+            first.begin(1 if regions.models is None else regions.models.mixture.region_count)
         return Conductor(
             context, standing, [one for one in learnables if one is not None],
             Agenda([one for one in questions if one is not None]), evidence, self.costs, recording, rest,

@@ -10,6 +10,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from engine.runtime.bounds import several_within
 from engine.runtime.bundle import FieldType, array_of
 
 _WORD = ir.IntType(32)
@@ -32,6 +33,7 @@ def _blend(
         stored = _FOUR if is_float else ir.VectorType(ir.IntType(8), 4)
         total = None
         for index, weight in zip(arguments[1:5], arguments[5:], strict=True):
+            index = several_within(context, builder, rows, index, builder.add(index, ir.Constant(index.type, 3)))
             pointer = cgutils.get_item_pointer(context, builder, array_type, rows, [index])
             texel = builder.load(builder.bitcast(pointer, stored.as_pointer()), align=4 if is_float else 1)
             if not is_float:

@@ -98,6 +98,65 @@ def test_processes_that_start_at_once_fill_one_cache(tmp_path: Path) -> None:
     assert (facts["hits"], facts["files"], facts["problem"]) == ("2", "2", "")
 
 
+#: Two processes save as close together as can be: `second` puts its first file in place after `first` has put its own
+#: there, and has read what there is before that; then `first` puts the rest in place, if there is any.
+IN_TURN = """
+import os, sys, time
+from pathlib import Path
+from engine.runtime.jit import kernel
+
+@kernel
+def double(x):
+    return x + x
+
+role, marks, plain, count = sys.argv[1], Path(sys.argv[2]), os.replace, 0
+
+def reach(mark):
+    (marks / mark).touch()
+
+def wait_for(mark):
+    deadline = time.monotonic() + 60.0
+    while not (marks / mark).exists():
+        assert time.monotonic() < deadline, mark
+        time.sleep(0.01)
+
+def replace(*arguments):
+    global count
+    count += 1
+    if role == "first":
+        wait_for("second is ready" if count == 1 else "second is done")
+    elif count == 1:
+        reach("second is ready")
+        wait_for("first has one")
+    plain(*arguments)
+    if role == "first":
+        reach("first has one")
+
+if role != "third":
+    os.replace = replace
+print(*(double(x) for x in ({"first": [4], "second": [2.5], "third": [4, 2.5]}[role])))
+reach(f"{role} is done")
+print("hits", sum(double.stats.cache_hits.values()))
+"""
+
+
+def test_processes_that_save_at_once_do_not_take_the_same_place(tmp_path: Path) -> None:
+    """One found what the other had compiled for arguments of another type, and ran it."""
+    script, marks = tmp_path / "in_turn.py", tmp_path / "marks"
+    script.write_text(IN_TURN)
+    marks.mkdir()
+
+    def start(role: str) -> subprocess.Popen[str]:
+        command = [sys.executable, str(script), role, str(marks)]
+        return subprocess.Popen(
+            command, env=environment_with(tmp_path / "cache"), stdout=subprocess.PIPE, text=True
+        )
+
+    both = [start("first"), start("second")]
+    assert [one.communicate()[0] for one in both] == ["8\nhits 0\n", "5.0\nhits 0\n"]
+    assert start("third").communicate()[0] == "8 5.0\nhits 2\n"
+
+
 def test_an_older_version_finds_its_own_kernels_after_a_newer_one(tmp_path: Path) -> None:
     """An upgrade and a downgrade over one user folder: neither takes what the other has compiled."""
     cache = tmp_path / "cache"
@@ -123,7 +182,7 @@ os.replace = os.rename = locked
 import builtins
 plain = builtins.open
 def locked(file, mode="r", *arguments, **named):
-    if str(file).endswith((".nbi", ".nbc")) and "w" not in mode:
+    if str(file).endswith(".nbc") and "w" not in mode:
         raise PermissionError(13, "The process cannot access the file because it is being used by another process")
     return plain(file, mode, *arguments, **named)
 builtins.open = locked
@@ -179,11 +238,10 @@ def test_kernels_stay_in_memory_where_the_disk_is_full(tmp_path: Path) -> None:
     assert (again["hits"], again["files"], again["problem"]) == ("0", "2", "")
 
 
-@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
-def test_damaged_files_count_as_missing(tmp_path: Path, suffix: str) -> None:
+def test_damaged_files_count_as_missing(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     run_kernel(tmp_path, cache)
-    for file in cache.rglob(f"*.{suffix}"):
+    for file in cache.rglob("*.nbc"):
         file.write_bytes(file.read_bytes()[:40])
     assert run_kernel(tmp_path, cache)["problem"] == ""
     assert run_kernel(tmp_path, cache)["hits"] == "2"
@@ -214,11 +272,11 @@ def test_what_others_have_put_into_the_cache_is_not_run(tmp_path: Path) -> None:
             return Path.touch, (mark,)
 
     body = pickle.dumps(Planted())
-    for file in cache.rglob("*.nb?"):
+    for file in cache.rglob("*.nbc"):
         file.write_bytes(hashlib.sha256(body).digest() + body)
     assert run_kernel(tmp_path, cache)["hits"] == "0" and mark.exists(), "else this test proves nothing"
     mark.unlink()
-    for file in cache.rglob("*.nb?"):
+    for file in cache.rglob("*.nbc"):
         file.write_bytes(hashlib.sha256(body).digest() + body)
     cache.chmod(0o1777)
     facts = run_kernel(tmp_path, cache)
@@ -226,7 +284,7 @@ def test_what_others_have_put_into_the_cache_is_not_run(tmp_path: Path) -> None:
     assert facts["problem"] == f"cannot use {cache}: {cache} can be written by others"
     assert facts["root"].startswith(str(Path(tempfile.gettempdir()) / "neuralguide-kernels-"))
     cache.chmod(0o755)
-    for file in cache.rglob("*.nb?"):
+    for file in cache.rglob("*.nbc"):
         file.chmod(0o666)
     assert run_kernel(tmp_path, cache)["hits"] == "0" and not mark.exists()
     assert run_kernel(tmp_path, cache)["hits"] == "2"

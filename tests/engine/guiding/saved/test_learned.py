@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from engine.builder.scene import SceneCache, build_scene
 from engine.guiding.fields.state import StateError, part
 from engine.guiding.fields.table import TableModel
 from engine.guiding.fields.vmm.field import (
@@ -24,10 +25,15 @@ from engine.guiding.fields.vmm.field import (
 )
 from engine.guiding.models.record_sink import RowSink
 from engine.guiding.models.regions import RegionModels
+from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.iterations import iteration_weight
+from engine.guiding.policy.request import LearningRequest
+from engine.guiding.policy.sets import make_learner
 from engine.guiding.records.training_rows import ROW_PDF, ROW_RADIANCE, ROW_WI
 from engine.guiding.saved.learned import LOST, OPEN, WON, LearnedField
 from engine.render.session import Session
+from engine.render.tracer import Tracer
+from engine.ris.orca import Allocation
 from engine.scene.description import Camera, SceneDescription
 from engine.settings import RenderSettings
 from tests.helpers.learned_fields import learned_field, learned_models, random_records
@@ -246,6 +252,44 @@ def test_every_method_starts_from_what_the_others_know(method: str, session: Ses
         counts = [int(part(item.state, "table")["update_count"][0]) for item in (first.learned, second.learned)]
         assert 0 < counts[0] < counts[1]
     assert np.isfinite(image(second)).all()
+
+
+def test_a_table_that_is_begun_on_saved_mixtures_has_all_their_regions() -> None:
+    """It had one: kernels read far behind it, and once that ended the process."""
+    regions, _ = learned_models(0)
+    known = replace(learned_field(0), state=regions.state())
+    settings = RenderSettings(candidate_allocation="FIXED", **{**GUIDED, "guiding_method": "TABLE_RIS"})
+    learner = make_learner(settings, 1, 100, request=LearningRequest(start=known))
+    assert learner is not None
+    guidance = learner.first()
+    learner.close()
+    assert guidance.table is not None
+    assert len(guidance.table.values) == known.region_count > 1
+    guidance.check_regions()
+
+
+def test_what_is_not_of_the_fields_regions_reaches_no_kernel() -> None:
+    regions, table = learned_models(0)
+    count = regions.mixture.region_count
+    settings = RenderSettings(**GUIDED)
+    guidance = Guidance(settings, 0, table=table.field).with_regions(
+        regions.field, regions.probability(is_learned=True), regions.light_share.share, regions.selection.benefit,
+        Allocation(regions.variance_deltas(), np.zeros(2, np.float32)), None, guides_media=True,
+    )
+    guidance.check_regions()
+    scene = build_scene(pit_scene(), settings, SceneCache())
+    tracer = Tracer(scene, settings)
+    tracer.follow(guidance)
+    two = np.zeros(2, np.float32)
+    for field, name, wrong in (
+        ("table", "table", TableModel().field),
+        ("probability", "guiding probability", two),
+        ("light_share", "light share", two),
+        ("benefit", "benefit of guiding", two),
+        ("allocation", "candidate allocation", Allocation(two, two)),
+    ):
+        with pytest.raises(ValueError, match=f"the {name} knows [12] regions, and the mixture field has {count}"):
+            tracer.follow(replace(guidance, **{field: wrong}))
 
 
 @pytest.mark.parametrize(("verdict", "compared"), [(WON, 0), (LOST, 3), (OPEN, 3)])
