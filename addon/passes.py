@@ -15,7 +15,7 @@ from engine.scene.pass_names import aov_pass, matte_passes
 from .denoise_over_time import needs_passes
 from .denoising_motion import has_motion
 from .shared_settings import layer_is_denoised, setting_value
-from .versions import RENAMED_PASSES, is_since
+from .versions import RENAMED_PASSES, SPECULAR_FEATURES, is_since
 
 
 class RenderPass(NamedTuple):
@@ -40,6 +40,11 @@ DENOISING = (
     RenderPass("Denoising Normal", "Denoising Normal", "XYZ", "VECTOR"),
     RenderPass("Denoising Albedo", "Denoising Albedo", "RGB", "COLOR"),
     RenderPass("Denoising Depth", "Denoising Depth", "Z", "VALUE"),
+)
+#: What else it asks for from Blender 5.3 on.
+DENOISING_MIRRORS = (
+    RenderPass("Denoising Specular Albedo", "Denoising Specular Albedo", "RGB", "COLOR"),
+    RenderPass("Denoising Roughness", "Denoising Roughness", "X", "VALUE"),
 )
 #: What Cycles' Motion among Denoising Data asks for, from Blender 5.3 on.
 DENOISING_MOTION = (
@@ -111,8 +116,11 @@ def requested_passes(scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) ->
     if layer_is_denoised(scene, view_layer, setting_value(scene, "use_denoising")):
         yield NOISY
     over_time = needs_passes(scene, view_layer)
-    if over_time or getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False):
+    is_stored = getattr(getattr(view_layer, "cycles", None), "denoising_store_passes", False)
+    if over_time or is_stored:
         yield from DENOISING
+    if is_stored and is_since(SPECULAR_FEATURES):
+        yield from DENOISING_MIRRORS
     if has_motion(scene, view_layer):
         yield from DENOISING_MOTION
     ours = view_layer.neuralguide

@@ -25,6 +25,8 @@ GROUPS_INLINED: Version = (5, 0)
 BACKGROUND_VECTORS: Version = (5, 2)
 #: Transmission Color and Denoising Albedo know how rough glass is.
 LOOKED_UP_TRANSMISSION: Version = (5, 2)
+#: Denoisers get specular albedo and roughness too.
+SPECULAR_FEATURES: Version = (5, 3)
 #: Cycles can look textures up in files that it has made of them.
 TEXTURE_CACHE: Version = (5, 2)
 #: Pink stands for a missing image beyond its edges too, where the texture clips.

@@ -143,7 +143,8 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "use_pass_volume_direct use_pass_volume_indirect"),
             *_rows("said", "use_pass_volume_scatter use_pass_volume_transmit use_pass_volume_majorant"),
             *_rows("works", "denoising_store_motion_passes", is_newer=True),
-            *_rows("no", "denoising_pass_follow_reflections denoising_pass_use_albedo_roughness_weighting", "", True),
+            *_rows("works", "denoising_pass_follow_reflections denoising_pass_use_albedo_roughness_weighting",
+                   "of Denoising Specular Albedo and Denoising Roughness alone", True),
         ),
     ),
     (

@@ -34,13 +34,17 @@ def read_requests(context: ExportContext) -> None:
 
 def export_pass_settings(context: ExportContext) -> PassSettings:
     """Settings of the passes, all but what moves."""
+    layer = context.view_layer
+    cycles = getattr(layer, "cycles", None)
     settings = PassSettings(
         alpha_threshold=context.finite(
-            context.view_layer.pass_alpha_threshold, 0.5, f"View layer {context.view_layer.name}", "Alpha Threshold"
+            layer.pass_alpha_threshold, 0.5, f"View layer {layer.name}", "Alpha Threshold"
         ),
         aovs=tuple(Aov(name, is_color) for name, is_color in context.aovs.items()),
         background_moves=is_since(BACKGROUND_VECTORS) and not is_newer(BACKGROUND_VECTORS),
         looks_up_transmission=is_since(LOOKED_UP_TRANSMISSION),
+        follows_mirrors=getattr(cycles, "denoising_pass_follow_reflections", True),
+        weighs_by_roughness=getattr(cycles, "denoising_pass_use_albedo_roughness_weighting", True),
     )
     shown = world_of(context)
     if shown is not None:

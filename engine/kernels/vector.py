@@ -37,6 +37,12 @@ def scale(a, s):
 
 
 @kernel
+def multiply(a, b):
+    """Product of two 3-tuples, one by one."""
+    return (a[0] * b[0], a[1] * b[1], a[2] * b[2])
+
+
+@kernel
 def negate(a):
     """The opposite 3-tuple."""
     return (-a[0], -a[1], -a[2])

@@ -255,7 +255,9 @@ class Batch:
             light_closures=light_closures,
             light_shaded=as_rgb(light_closures),
             guided=allocate_guided_lanes(lanes),
-            features=allocate_feature_lanes(lanes if layout.use_denoising else 1),
+            features=allocate_feature_lanes(
+                lanes if layout.use_denoising else 1, lanes if layout.data.options.asks_for_mirrors else 1
+            ),
             cached=allocate_cached_lanes(lanes if uses_cache else 1, channel_count),
             passes=allocate_light_pass_lanes(lanes, channel_count, layout.light_part_count),
             catcher=allocate_catcher_lanes(lanes if layout.has_catchers else 1, channel_count),

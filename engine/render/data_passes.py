@@ -14,6 +14,8 @@ from engine.shaders.aov_columns import COLOR_WIDTH, VALUE_WIDTH, aov_columns, ao
 from engine.state.data_passes import (
     BACKWARD_MOTION_WIDTH,
     MIST_WIDTH,
+    ROUGHNESS_WIDTH,
+    SPECULAR_ALBEDO_WIDTH,
     SPECULAR_MOTION_WIDTH,
     UV_WIDTH,
     VECTOR_WIDTH,
@@ -23,7 +25,9 @@ from engine.state.data_passes import (
 
 BACKWARD_MOTION = "Denoising Backward Motion"
 SPECULAR_MOTION = "Denoising Specular Motion"
-DATA_PASSES = ("Mist", "UV", "Vector", BACKWARD_MOTION, SPECULAR_MOTION)
+SPECULAR_ALBEDO = "Denoising Specular Albedo"
+ROUGHNESS = "Denoising Roughness"
+DATA_PASSES = ("Mist", "UV", "Vector", BACKWARD_MOTION, SPECULAR_MOTION, SPECULAR_ALBEDO, ROUGHNESS)
 _MATTE_NAME = re.compile(f"({'|'.join(MATTE_KINDS)})([0-9]{{2}})")
 
 
@@ -54,8 +58,9 @@ def data_images(
     -------
     dict of float32 (height, width, channels)
         Mist from 0 to 1; UV and whether there is any; Vector [pixels] to the frame before and from the frame after,
-        mean of the samples that have one; Denoising Backward Motion [pixels, pixels, m] and Denoising Specular Motion
-        [pixels, pixels, 0], mean of all samples; colours of AOVs with the share of samples that have one as alpha.
+        mean of the samples that have one; Denoising Backward Motion [pixels, pixels, m], Denoising Specular Motion
+        [pixels, pixels, 0], Denoising Specular Albedo and Denoising Roughness, mean of all samples; colours of AOVs
+        with the share of samples that have one as alpha.
     """
     images: dict[str, np.ndarray] = {}
     options = layout.options
@@ -75,6 +80,12 @@ def data_images(
         first = options.specular_motion
         # Blender's pass has three channels, of which Cycles fills two.
         images[SPECULAR_MOTION] = np.pad(data[:, first : first + SPECULAR_MOTION_WIDTH] * scale, ((0, 0), (0, 1)))
+    for name, first, width in (
+        (SPECULAR_ALBEDO, options.specular_albedo, SPECULAR_ALBEDO_WIDTH),
+        (ROUGHNESS, options.roughness, ROUGHNESS_WIDTH),
+    ):
+        if first >= 0 and name in names:
+            images[name] = data[:, first : first + width] * scale
     for name, first, width in layout.aovs:
         if name in names:
             images[name] = data[:, first : first + width] * scale
@@ -115,6 +126,8 @@ def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
     place("vector", VECTOR_WIDTH, "Vector" in names)
     place("backward_motion", BACKWARD_MOTION_WIDTH, BACKWARD_MOTION in names)
     place("specular_motion", SPECULAR_MOTION_WIDTH, SPECULAR_MOTION in names)
+    place("specular_albedo", SPECULAR_ALBEDO_WIDTH, SPECULAR_ALBEDO in names)
+    place("roughness", ROUGHNESS_WIDTH, ROUGHNESS in names)
     place("aov", aov_width(settings.aovs), True)
     passes_by_kind: dict[str, int] = {}
     for name in names:
@@ -130,6 +143,7 @@ def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
     options = DataOptions(
         is_used=int(bool(width or matte_count)),
         **columns,
+        asks_for_mirrors=int(bool(columns.keys() & {"specular_motion", "specular_albedo", "roughness"})),
         aov_width=aov_width(settings.aovs),
         object_mattes=mattes.get("CryptoObject", -1),
         material_mattes=mattes.get("CryptoMaterial", -1),
@@ -141,6 +155,8 @@ def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
         alpha_threshold=threshold,
         background_moves=int(settings.background_moves),
         looks_up_transmission=int(settings.looks_up_transmission),
+        follows_mirrors=int(settings.follows_mirrors),
+        weighs_by_roughness=int(settings.weighs_by_roughness),
     )
     aovs = tuple(
         (aov_pass(aov.name), options.aov + aov.column, COLOR_WIDTH if aov.is_color else VALUE_WIDTH)

@@ -56,6 +56,12 @@ class PassSettings:
     looks_up_transmission : bool
         Whether what rough glass lets through is looked up like what it reflects, for passes of colour and denoisers;
         otherwise the glass counts as smooth.
+    follows_mirrors : bool
+        Whether denoisers' specular albedo and roughness behind a surface count by what it mirrors, too, besides what
+        it lets through.
+    weighs_by_roughness : bool
+        Whether denoisers' specular albedo is of lobes in so far as they are mirrors; otherwise of all glossy ones and
+        of glass.
     motion : PassMotion or None
         None: everything stands still.
     """
@@ -67,5 +73,7 @@ class PassSettings:
     occlusion_distance: float = 10.0
     background_moves: bool = False
     looks_up_transmission: bool = False
+    follows_mirrors: bool = True
+    weighs_by_roughness: bool = True
     aovs: tuple[Aov, ...] = ()
     motion: PassMotion | None = None

@@ -17,6 +17,8 @@ UV_WIDTH = 3
 VECTOR_WIDTH = 5
 BACKWARD_MOTION_WIDTH = 3
 SPECULAR_MOTION_WIDTH = 2
+SPECULAR_ALBEDO_WIDTH = 3
+ROUGHNESS_WIDTH = 1
 
 # Columns of DataView.instance_ids
 ID_OBJECT = 0
@@ -31,8 +33,8 @@ RASTER_AFTER = 2
 class DataOptions(NamedTuple):
     """Which passes of data there are, and their settings.
 
-    `mist`, `uv`, `vector`, `backward_motion`, `specular_motion` and `aov` are first columns of `FilmTile.data`,
-    `object_mattes` and its kind first slots of `FilmTile.mattes`; -1: not asked for.
+    `mist`, `uv`, `vector`, `backward_motion`, `specular_motion`, `specular_albedo`, `roughness` and `aov` are first
+    columns of `FilmTile.data`, `object_mattes` and its kind first slots of `FilmTile.mattes`; -1: not asked for.
     """
 
     is_used: int = 0
@@ -41,6 +43,10 @@ class DataOptions(NamedTuple):
     vector: int = -1
     backward_motion: int = -1
     specular_motion: int = -1
+    specular_albedo: int = -1
+    roughness: int = -1
+    #: Whether specular motion, specular albedo or roughness is asked for.
+    asks_for_mirrors: int = 0
     aov: int = -1
     #: Columns of all AOVs.
     aov_width: int = 0
@@ -58,6 +64,10 @@ class DataOptions(NamedTuple):
     background_moves: int = 0
     #: Whether the albedo of what rough glass lets through is looked up: `engine.kernels.bsdf.energy.albedo_blends`.
     looks_up_transmission: int = 0
+    #: Whether specular albedo and roughness behind a surface count by what it mirrors, too.
+    follows_mirrors: int = 1
+    #: Whether lobes are specular by their roughness: `engine.kernels.bsdf.mirrors`.
+    weighs_by_roughness: int = 1
 
     @property
     def knows_motion(self) -> bool:

@@ -78,7 +78,7 @@ RAY_STARTS_ON = 524288
 #: The lane's shadow ray starts and ends in place, and skips the triangles there.
 RAY_SHADOW_IN_PLACE = 1048576
 RAY_SUBSURFACE = 2097152  # the path's hit is where it comes out from below a surface: diffuse, seen from outside
-RAY_MOTION_DONE = 4194304  # what the path meets next is not seen in a mirror, for the pass of its motion
+RAY_MIRRORS_DONE = 4194304  # what the path meets next is not seen in a mirror, nor through what is transparent
 RAY_TREE_SHIFT, RAY_TREE_MASK = 24, 63 << 24  # light tree of what has scattered the ray (kernels.lights.linking)
 
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer
@@ -430,14 +430,14 @@ class FeatureLanes(Bundle):
     """What a path knows of the features for denoisers, L lanes, or one where there are none."""
 
     throughput: Float32Array = column(
-        "product of the albedos of the specular surfaces it has met, RGB; the first is FEATURES_DONE once it has met "
-        "another one", "L", RGB,
+        "product of the albedos of specular surfaces met; the first is FEATURES_DONE behind another one", "L", RGB
     )
+    mirrored: Float32Array = column("product of what surfaces met mirror and let through, from the first on", "L", RGB)
 
 
-def allocate_feature_lanes(lane_count: int) -> FeatureLanes:
-    """Zeroed `FeatureLanes` for `lane_count` lanes."""
-    return _allocate_lanes(FeatureLanes, lane_count)
+def allocate_feature_lanes(lane_count: int, mirror_lane_count: int) -> FeatureLanes:
+    """Zeroed `FeatureLanes` for `lane_count` lanes, `mirrored` for `mirror_lane_count`."""
+    return _allocate_lanes(FeatureLanes, lane_count, mirrored=np.zeros((mirror_lane_count, RGB), np.float32))
 
 
 class CatcherLanes(Bundle):

@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stages: motion of what mirrors show, for denoisers that look at the frame before. Run only if it was asked for.
+"""Stages: what surfaces mirror, for denoisers. Run only if one of these passes was asked for.
 
-As in Cycles: what lies behind the first scattering counts, if that was a reflection at a surface that is a mirror for
-more than half, or is transparent in part.
+Of the first surfaces they write how much and how sharply these mirror. Then, for denoisers that look at the frame
+before, the motion of what is mirrored: of what lies behind the first scattering, if that was a reflection at a surface
+that is a mirror for more than half, or is transparent in part. All as in Cycles (`engine.kernels.bsdf.mirrors`).
 """
 
 import math
 
 import numpy as np
 
-from engine.kernels.bsdf import add_albedo
-from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, FIRST_MICROFACET, LAST_MICROFACET, TRANSPARENT
-from engine.kernels.bsdf.portal import is_portal
+from engine.kernels.bsdf.mirrors import sum_mirrors
 from engine.kernels.pass_vectors import reflected_motion
 from engine.kernels.path import real_3
-from engine.kernels.vector import load, store
+from engine.kernels.vector import add, load, multiply, scale, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_INSTANCE,
@@ -24,72 +23,61 @@ from engine.state.lanes import (
     POINT_V,
     POINT_WO,
     RAY_ENDS,
-    RAY_MOTION_DONE,
+    RAY_MIRRORS_DONE,
     RAY_REFLECT,
     RAY_SUBSURFACE,
 )
 
-#: From this alpha on a lobe is no mirror at all.
-_DULL_ALPHA = np.float32(0.15)
-#: From this share of lobes that are no mirrors on, the path shows nothing behind the surface.
-_DULL_SHARE = np.float32(0.5)
-#: Albedo of mirrors and of what is transparent up to which there is none.
-_LEAST_ALBEDO = np.float32(1e-4)
+#: Brightest channel up to which nothing mirrored or let through is seen.
+_LEAST_SEEN = np.float32(1e-4)
 
 
 @kernel
-def _smooth_step(x):
-    """From 0 to 1, level at both."""
-    x = min(max(x, np.float32(0.0)), np.float32(1.0))
-    return x * x * (np.float32(3.0) - np.float32(2.0) * x)
-
-
-@kernel
-def _dullness(closures, lane, i):
-    """How far a lobe is from a mirror, from 0 to 1."""
-    if FIRST_MICROFACET <= closures.kind[lane, i] <= LAST_MICROFACET:
-        alpha_squared = closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y]
-        return _smooth_step(math.sqrt(max(alpha_squared, np.float32(0.0))) / _DULL_ALPHA)
-    return np.float32(1.0)
-
-
-@kernel
-def _goes_on(closures, tables, lane, wo, looks_up, scratch):
-    """Whether what is behind a surface, or mirrored in it, counts as well; row `lane` of `scratch` is overwritten."""
-    total = dull = bright = passed = np.float32(0.0)
-    for i in range(closures.count[lane]):
-        store(scratch, lane, (0.0, 0.0, 0.0))
-        add_albedo(closures, tables, lane, i, wo, looks_up, scratch, lane)
-        albedo = load(scratch, lane)
-        if closures.kind[lane, i] == TRANSPARENT or is_portal(closures, lane, i):
-            passed = max(passed, abs(albedo[0]), abs(albedo[1]), abs(albedo[2]))
-            continue
-        mean = (albedo[0] + albedo[1] + albedo[2]) / np.float32(3.0)
-        dullness = _dullness(closures, lane, i)
-        total += mean
-        dull += mean * dullness
-        bright += max(albedo[0], albedo[1], albedo[2]) * (np.float32(1.0) - dullness)
-    share = np.float32(0.0)
-    if total > 0.0:
-        share = np.float32(1.0) - _smooth_step(dull / total / _DULL_SHARE)
-    return max(passed, bright * share) > _LEAST_ALBEDO
+def _write_mirrors(options, film, pixel, specular, roughness, through, share):
+    """Add albedo of specular lobes and roughness to the film, seen `through` what is before, as `share` samples."""
+    seen = scale(multiply(specular, through), share)
+    if options.specular_albedo >= 0 and math.isfinite(seen[0] + seen[1] + seen[2]):
+        for c in range(3):
+            film.data[pixel, options.specular_albedo + c] += seen[c]
+    mean = share * roughness * (through[0] + through[1] + through[2]) / np.float32(3.0)
+    if options.roughness >= 0 and math.isfinite(mean):
+        film.data[pixel, options.roughness] += mean
 
 
 @kernel
 def follow_reflections(scene, unit, work, queue):
-    """Say which shaded lanes have met what shows nothing behind it, and nothing mirrored."""
-    options, tables = scene.data.options, scene.tables
-    paths, points, closures = work.paths, work.points, work.shaded
+    """Write what lanes see of mirrors before they scatter; say which have met what shows nothing behind it, nor in it.
+
+    They count as often as plain sampling would have come there, so that no guide changes the passes.
+    """
+    options, tables, film = scene.data.options, scene.tables, unit.film
+    paths, points, closures, throughput = work.paths, work.points, work.shaded, work.features.mirrored
+    follows = options.follows_mirrors != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
-        if paths.alive[lane] == 0 or paths.flags[lane] & (RAY_MOTION_DONE | RAY_SUBSURFACE):
+        if paths.alive[lane] == 0 or paths.flags[lane] & (RAY_MIRRORS_DONE | RAY_SUBSURFACE):
             continue
-        wo = real_3(points, lane, POINT_WO)
-        if paths.depth[lane] > 1 or not _goes_on(
-            closures, tables, lane, wo, options.looks_up_transmission, work.f_cos
-        ):
-            paths.flags[lane] |= RAY_MOTION_DONE
+        if paths.depth[lane] > 1:
+            paths.flags[lane] |= RAY_MIRRORS_DONE
+            continue
+        specular, transparent, roughness, share = sum_mirrors(
+            closures, tables, lane, real_3(points, lane, POINT_WO), options.looks_up_transmission,
+            options.weighs_by_roughness, work.f_cos,
+        )
+        through = (np.float32(1.0), np.float32(1.0), np.float32(1.0))
+        if paths.depth[lane] + paths.transparent_depth[lane] > 0:
+            through = load(throughput, lane)
+        if paths.depth[lane] == 0:
+            plain_share = np.float32(1.0) / paths.unguided[lane]
+            _write_mirrors(options, film, paths.pixel[lane], specular, roughness, through, plain_share)
+        behind = add(scale(specular, share), transparent)
+        # Where reflections are not followed, those of which the motion is asked for are, but do not weigh.
+        looked_for = behind if follows or options.specular_motion >= 0 else transparent
+        if max(abs(looked_for[0]), abs(looked_for[1]), abs(looked_for[2])) > _LEAST_SEEN:
+            store(throughput, lane, multiply(through, behind if follows else transparent))
+        else:
+            paths.flags[lane] |= RAY_MIRRORS_DONE
 
 
 @kernel
@@ -104,7 +92,7 @@ def write_reflected_motion(scene, unit, work, queue):
     for k in range(lane_count):
         lane = lanes[k]
         flags = paths.flags[lane]
-        if paths.depth[lane] != 1 or not flags & RAY_REFLECT or flags & (RAY_MOTION_DONE | RAY_SUBSURFACE | RAY_ENDS):
+        if paths.depth[lane] != 1 or not flags & RAY_REFLECT or flags & (RAY_MIRRORS_DONE | RAY_SUBSURFACE | RAY_ENDS):
             continue
         x, y = reflected_motion(
             data, camera, geometry, points.integer[lane, POINT_INSTANCE], points.integer[lane, POINT_TRIANGLE],

@@ -211,6 +211,10 @@ def _aovs(loop: Loop) -> Any:
     return loop.scene.data.options.aov_width
 
 
+def _mirrors(loop: Loop) -> Any:
+    return loop.scene.data.options.asks_for_mirrors
+
+
 def _reflects_motion(loop: Loop) -> Any:
     return loop.scene.data.options.specular_motion >= 0
 
@@ -276,7 +280,7 @@ _STAGES = (
     Stage(shade_emission, "shade_emission"),
     Stage(write_aovs, "write_features shade_background", _aovs),
     Stage(write_data, "write_features", _data),
-    Stage(follow_reflections, "write_features", _reflects_motion),
+    Stage(follow_reflections, "write_features", _mirrors),
     Stage(write_features, "write_features", _FEATURES),
     Stage(write_denoising, "write_denoising", _DENOISING),
     Stage(write_colors, "split_light", _SPLITS_LIGHT),

@@ -285,7 +285,7 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
             stages.write_aovs(scene, unit, work, work.surface)
         if scene.data.options.is_used != 0:
             stages.write_data(scene, unit, work, work.surface)
-        if scene.data.options.specular_motion >= 0:
+        if scene.data.options.asks_for_mirrors != 0:
             stages.follow_reflections(scene, unit, work, work.surface)
         stages.write_features(scene, unit, work, work.surface)
         mark(clock, CLOCK.write_features)

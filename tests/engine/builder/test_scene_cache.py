@@ -270,6 +270,7 @@ _VOXELS = NodeGraph(
 )
 _PLAIN = NodeGraph([Node("ShaderNodeBsdfDiffuse", "D", {"Color": (0.2, 0.3, 0.9, 1.0)})], Link(0, "BSDF"))
 
+_OFF, _ON = ("background_moves", "looks_up_transmission"), ("follows_mirrors", "weighs_by_roughness")  # passes
 #: How each field of the description is changed, in a way that arrays or pictures show: every field has an entry.
 CHANGES: dict[str, list[Change]] = {
     "SceneDescription.camera": [_set("camera", Camera(transform=_at(0, 0, 12)))],
@@ -454,8 +455,7 @@ CHANGES: dict[str, list[Change]] = {
     "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
     "PassSettings.mist_falloff": [_set("passes.mist_falloff", 2.0)],
     "PassSettings.occlusion_distance": [_set("passes.occlusion_distance", 2.0)],
-    "PassSettings.background_moves": [_set("passes.background_moves", True)],
-    "PassSettings.looks_up_transmission": [_set("passes.looks_up_transmission", True)],
+    **{f"PassSettings.{name}": [_set(f"passes.{name}", name in _OFF)] for name in _OFF + _ON},
     "PassSettings.aovs": [_set("passes.aovs", ()), _set("passes.aovs", (Aov("Before", False), Aov("Tint", True)))],
     "PassSettings.motion": [_set("passes.motion", PassMotion())],
     "PassMotion.camera": [_set("passes.motion", PassMotion(camera=np.stack([_at(0, 0, 9), _at(0, 1, 9)])))],
@@ -476,8 +476,8 @@ UNSEEN = frozenset({
     "Instances.name", "Instances.asset", "PassSettings.alpha_threshold", "PassSettings.mist_start",
     "PassSettings.mist_depth", "PassSettings.mist_falloff", "PassSettings.motion", "PassMotion.camera",
     "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes", "PassSettings.occlusion_distance",
-    "PassSettings.background_moves", "PassSettings.looks_up_transmission", "SceneDescription.light_groups",
-    "SceneDescription.fast_gi", "World.light_group",
+    *(f"PassSettings.{name}" for name in _OFF + _ON), "SceneDescription.light_groups", "SceneDescription.fast_gi",
+    "World.light_group",
 })  # fmt: skip
 
 

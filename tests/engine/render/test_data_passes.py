@@ -57,6 +57,18 @@ def test_motion_for_denoisers_is_a_mean_of_all_samples():
     np.testing.assert_array_equal(images[names[1]][0, 0], (0.5, -0.5, 0.0))
 
 
+def test_specular_albedo_and_roughness_are_means_of_all_samples():
+    names = ["Denoising Specular Albedo", "Denoising Roughness"]
+    layout = data_layout(names, PassSettings(follows_mirrors=False))
+    options = layout.options
+    assert (options.specular_albedo, options.roughness, options.asks_for_mirrors) == (0, 3, 1)
+    assert (options.follows_mirrors, options.weighs_by_roughness) == (0, 1)
+    sums, scale = np.array([[3.0, 2.0, 1.0, 2.5]], np.float32), np.full((1, 1), 0.25, np.float32)
+    images = data_images(layout, sums, np.zeros((1, 0, 2), np.float32), scale, (1, 1), names)
+    np.testing.assert_array_equal(images[names[0]], [[(0.75, 0.5, 0.25)]])
+    np.testing.assert_array_equal(images[names[1]], [[(0.625,)]])
+
+
 def film_and_tile(strata=1):
     layout = FilmLayout(use_features=True, data=data_layout(matte_passes("CryptoObject", 2), PassSettings()))
     film = Film(1, 1, layout) if strata == 1 else StrataFilm(1, 1, strata, layout)

@@ -28,7 +28,7 @@ TABLES = {
     "candidates": allocate_candidates,
     "points": lambda count, channels: lanes.allocate_points(count),
     "guided": lambda count, channels: lanes.allocate_guided_lanes(count),
-    "features": lambda count, channels: lanes.allocate_feature_lanes(count),
+    "features": lambda count, channels: lanes.allocate_feature_lanes(count, count),
     "draws": lambda count, channels: lanes.allocate_light_draws(),
 }
 

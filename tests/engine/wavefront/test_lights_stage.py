@@ -93,7 +93,7 @@ def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     queue = allocate_queue(count)
     queue.lanes[:], queue.count[0] = np.arange(count), count
     work = _Work(
-        paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1),
+        paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1, 1),
         allocate_media_lanes(0, 3), allocate_tracked_lanes(1, 3),
     )
     shade_lights(scene, _Unit(np.zeros(UNIT_HEADER_WIDTH, np.int64), allocate_tile(1, 3)), work, queue)
