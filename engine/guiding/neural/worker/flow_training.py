@@ -29,7 +29,7 @@ from engine.guiding.neural.networks.flow.shape import (
     FlowShape,
     initial_flow_parameters,
 )
-from engine.guiding.neural.worker.tables import BETAS
+from engine.guiding.neural.worker.adam import Adam, Group
 from engine.guiding.neural.worker.training import Training, split_tensor
 from engine.guiding.records.training_rows import ROW_PDF, ROW_RADIANCE, ROW_REFLECTANCE, ROW_WI, is_fit
 
@@ -85,9 +85,7 @@ class FlowTraining(Training):
         super().__init__(shape, settings, seed, bounds, thread_count)
         self._parameters = torch.from_numpy(initial_flow_parameters(shape, seed))
         self._arrays = {name: array.requires_grad_() for name, array in split_tensor(shape, self._parameters).items()}
-        self._optimizer = torch.optim.Adam(
-            list(self._arrays.values()), lr=settings.learning_rate, betas=BETAS, weight_decay=settings.weight_decay
-        )
+        self._optimizer = Adam([Group(list(self._arrays.values()), settings.learning_rate, settings.weight_decay)])
 
     # Rows
 

@@ -33,9 +33,10 @@ from engine.guiding.neural.networks.mixture.features import (
     make_mixture_encoding,
 )
 from engine.guiding.neural.networks.mixture.shape import MixtureSettings, MixtureShape, initial_parameters
+from engine.guiding.neural.worker.adam import TABLE_EPSILON, Adam, Group
 from engine.guiding.neural.worker.lobes import decode, log_pdf
 from engine.guiding.neural.worker.row_weights import row_weights, targets
-from engine.guiding.neural.worker.tables import ADAM_EPSILON, BETAS, LearnedTable
+from engine.guiding.neural.worker.tables import LearnedTable
 from engine.guiding.neural.worker.training import Training
 from engine.guiding.records.training_rows import (
     ROW_BSDF_PDF,
@@ -79,8 +80,8 @@ class MixtureTraining(Training):
         self._arrays, averages = shape.split(self._parameters), shape.split(self._average)
         self._matrices = [torch.from_numpy(matrix).requires_grad_() for matrix in shape.matrices(self._parameters)]
         self._average_matrices = shape.matrices(self._average)
-        self._optimizer = torch.optim.Adam(
-            self._matrices, settings.learning_rate, BETAS, ADAM_EPSILON, settings.weight_decay
+        self._optimizer = Adam(
+            [Group(self._matrices, settings.learning_rate, settings.weight_decay)], TABLE_EPSILON
         )
         tables = {
             "table": (backpropagate_grids, shape.level_count, 0),

@@ -35,9 +35,10 @@ from engine.guiding.neural.networks.radiance import (
     TrainingSettings,
     initial_parameters,
 )
+from engine.guiding.neural.worker.adam import TABLE_EPSILON, Adam, Group
 from engine.guiding.neural.worker.overfitting import BestParameters
 from engine.guiding.neural.worker.row_weights import limit_shares
-from engine.guiding.neural.worker.tables import ADAM_EPSILON, BETAS, LearnedTable
+from engine.guiding.neural.worker.tables import LearnedTable
 from engine.guiding.neural.worker.torch_encoding import encode_positions_torch, encode_u_torch
 from engine.guiding.neural.worker.training import Training, split_tensor
 
@@ -92,9 +93,7 @@ class RadianceTraining(Training):
         tables = {name: arrays.pop(name) for name in ("table", "planes") if name in arrays}
         self._grid, self._planes = tables["table"], tables.get("planes")
         self._arrays = {name: array.requires_grad_() for name, array in arrays.items()}
-        groups = [
-            {"params": list(self._arrays.values()), "lr": settings.learning_rate, "weight_decay": settings.weight_decay}
-        ]
+        groups = [Group(list(self._arrays.values()), settings.learning_rate, settings.weight_decay)]
         if self._device.type == "cpu":
             levels = {"table": shape.level_count, "planes": shape.plane_levels}
             backpropagate = {"table": backpropagate_positions, "planes": backpropagate_u}
@@ -106,10 +105,8 @@ class RadianceTraining(Training):
                 for name, table in tables.items()
             ]
         else:
-            groups.append(
-                {"params": [t.requires_grad_() for t in tables.values()], "lr": settings.table_learning_rate}
-            )
-        self._optimizer = torch.optim.Adam(groups, betas=BETAS, eps=ADAM_EPSILON)
+            groups.append(Group([t.requires_grad_() for t in tables.values()], settings.table_learning_rate))
+        self._optimizer = Adam(groups, TABLE_EPSILON)
         self._best = BestParameters()
         #: Whether rows held out had become worse, and none have come since.
         self._is_worn = False

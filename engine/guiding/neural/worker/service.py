@@ -50,6 +50,8 @@ class Service:
         #: Set once the renderer has no more use for this training.
         self.is_over = threading.Event()
         self._began = time.process_time()
+        #: What is trained; None before and after.
+        self.training: Any = None
 
     def answer(self, kind: str, **fields: Any) -> None:
         """Send a message; a renderer that is gone is the end of this process too."""
@@ -80,6 +82,9 @@ class Service:
         bounds = None if config["bounds"] is None else np.array(config["bounds"], np.float32)
         arguments = (self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"])
         rehearse(*arguments)
+        if self.is_over.is_set():
+            # The render ended while this process started.
+            return
         self.training, device = make_training(*arguments)
         first = self.channel.read_snapshot(FIRST_SLOT) if config["goes_on"] else None
         if first is not None:
@@ -94,7 +99,7 @@ class Service:
         """Give back the memory, most of which is rows."""
         self.channel.close()
         self._pending.clear()
-        del self.training
+        self.training = None
 
     def take_pending(self) -> bool:
         """Hand arrived records to training."""

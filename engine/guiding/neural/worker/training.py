@@ -15,6 +15,7 @@ from engine.array_types import Float32Array
 from engine.guiding.neural.networks.encoding import Encoding
 from engine.guiding.neural.networks.mixture.features import MixtureEncoding
 from engine.guiding.neural.networks.radiance import Snapshot, TrainableShape, TrainingSettings, robust_bounds
+from engine.guiding.neural.worker.adam import Adam
 from engine.guiding.neural.worker.reservoir import RowReservoir
 from engine.guiding.neural.worker.tables import LearnedTable
 from engine.guiding.records.training_rows import ROW_POSITION
@@ -54,7 +55,7 @@ class Training(ABC):
     #: Column of u in a row.
     _u_column = -1
     _encoding: Encoding | MixtureEncoding
-    _optimizer: torch.optim.Optimizer
+    _optimizer: Adam
 
     def __init__(
         self, shape: TrainableShape, settings: TrainingSettings, seed: int, bounds: Float32Array | None,
@@ -175,7 +176,7 @@ class Training(ABC):
         """One step of training on a random batch."""
         rows = self.draw()
         loss, features = self._loss(rows)
-        self._optimizer.zero_grad()
+        self._optimizer.forget_gradients()
         loss.backward()
         if self._bound_gradients(features):
             self._optimizer.step()

@@ -321,8 +321,9 @@ def alive(pid):
 
 @posix
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
-@pytest.mark.parametrize("end", ["os.kill(os.getpid(), 9)", "pass", "raise RuntimeError"])
+@pytest.mark.parametrize("end", ["os.kill(os.getpid(), 9)", "pass", "raise RuntimeError", "trainer.close()"])
 def test_worker_goes_with_its_renderer(tmp_path, end):
+    """One that has been left while it starts too."""
     script = tmp_path / "renderer.py"
     script.write_text(
         textwrap.dedent(f"""
