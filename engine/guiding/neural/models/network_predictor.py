@@ -75,6 +75,14 @@ class NetworkPredictor(Predictor):
         return self._model is not None
 
     @property
+    def step_count(self) -> int:
+        return 0 if self._trainer is None else self._trainer.status.step
+
+    @property
+    def is_learning(self) -> bool:
+        return self._trainer is not None and self._trainer.is_learning
+
+    @property
     def predictions(self) -> Predictions:
         return Predictions(model=self._model)
 

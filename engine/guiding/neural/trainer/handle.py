@@ -96,6 +96,7 @@ class NetworkTrainer:
         self._child: Child | None = None
         self._reader: Reader | None = None
         self._submission_count = 0
+        self._told_step = 0
 
     # Life
 
@@ -219,6 +220,17 @@ class NetworkTrainer:
         with self._news.changed:
             return self._news.status
 
+    @property
+    def is_learning(self) -> bool:
+        """Whether the worker has not learned all yet that there is to learn from: later snapshots will be better.
+
+        On command it stops before the step that it was told to train to where more steps would learn noise.
+        """
+        status = self.status
+        if self._on_command:
+            return status.state is not TrainerState.DEAD and status.step >= self._told_step
+        return status.state in (TrainerState.STARTING, TrainerState.WAITING, TrainerState.TRAINING)
+
     def submit(self, records: Records | Float32Array, row_count: int) -> int:
         """Hand over the records of an iteration; the worker's part of them, if there are more than it takes.
 
@@ -287,6 +299,7 @@ class NetworkTrainer:
             raise ValueError("train_until needs a trainer that is deterministic or trains on command")
         with self._news.changed:
             self._news.trained_step = -1
+            self._told_step = step
             self._send(kind="train", until=step)
         self._wait_for(lambda: self._news.trained_step >= 0)
         return self.poll()
