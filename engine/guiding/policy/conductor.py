@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from engine.guiding.policy.iteration import Traced
 from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.keeping import FieldKeeper
 from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
+from engine.guiding.policy.metered import LearningTime
 from engine.guiding.policy.recording import Recording
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import ArmSamples
@@ -62,6 +62,8 @@ class Conductor:
         self._recording, self._rest = recording, rest
         self.notices, self.report = context.notices, context.report
         self._learning_seconds = 0.0
+        waiting_count = 0 if context.traces_while_learning else context.thread_count
+        self._learning_time = LearningTime(context.executor, waiting_count)
 
     @property
     def arms(self) -> Sequence[ArmSamples]:
@@ -117,7 +119,7 @@ class Conductor:
         self.agenda.observe(unit, film, self._costs.unit(costs, unit.arm, self.agenda.way_of(unit.arm).rung))
 
     def learn(self, traced: Traced) -> Guidance:
-        started = time.perf_counter()
+        self._learning_time.begin()
         iteration = self._evidence.iteration(traced, self.agenda, self._learning_seconds)
         self.agenda.conclude(iteration)
         if self._notes_loss():
@@ -130,7 +132,7 @@ class Conductor:
         self.agenda.plan(iteration)
         self._notes_loss()
         if not iteration.is_early:
-            self._learning_seconds = time.perf_counter() - started
+            self._learning_seconds = self._learning_time.end()
         return self._guidance(self._recording.next(iteration, self.agenda))
 
     def _notes_loss(self) -> bool:

@@ -57,6 +57,15 @@ class Rules:
     #: weight the share is (n - 1) / n. Less tells nothing.
     least_left: float = 0.4
 
+    #: A network that directions are drawn from begins to guide once it has been trained by so many steps (of 4096
+    #: records), or has nothing more to learn from: with 6 to 25 steps it had 0.2 to 0.6 of the efficiency of unguided
+    #: rendering, and spoiled what the mixture field learned from.
+    source_least_steps: int = 64
+    #: It is asked for as little as after a first comparison until it has been trained by so many steps, or has nothing
+    #: more to learn from; for this share of what was left when it began to guide at most.
+    source_doubtful_steps: int = 256
+    source_doubtful_share: float = 0.25
+
     #: An iteration of fewer samples a pixel compares nothing.
     least_compared: int = 4
 

@@ -67,6 +67,14 @@ class NetworkSource(SourceModel):
         )
         self._trainer.start()
 
+    @property
+    def step_count(self) -> int:
+        return 0 if self._trainer is None else self._trainer.status.step
+
+    @property
+    def is_learning(self) -> bool:
+        return self._trainer is not None and self._trainer.is_learning
+
     def learn(
         self, records: VertexRecords, row_count: int, samples: float, recorded_share: float,
         executor: ThreadPoolExecutor, thread_count: int,
