@@ -154,7 +154,7 @@ class RenderLoop:
             self._go_on_plainly()
         self._units: dict[int, list[UnitRecords]] = {}
         #: Whether samples may be left unlearned from: not where what is learned outlives the render.
-        self._bridges = self.strata == 1 and not request.learning.is_for_later
+        self._bridges = request.learning.bridges(settings)
         #: What `_begin_iteration` takes, until the bridge to it is traced.
         self._planned: tuple[tuple[int, int], Sequence[Tile], bool] | None = None
         #: What the last learning has left, while iterations go by that nothing is learned from; None while none do.

@@ -38,6 +38,19 @@ class Untrained(SourceModel):
         self.field = make_flow_field(shape, snapshot) if is_flow else make_mixture_network(shape, snapshot)
 
 
+class Late(Untrained):
+    """Knows nothing until it has been asked to learn so many times."""
+
+    def __init__(self, settings, scale, silence):
+        super().__init__(settings, scale)
+        self._later, self.field, self._silence = self.field, None, silence
+
+    def learn(self, *_arguments):
+        self._silence -= 1
+        if self._silence == 0:
+            self.field = self._later
+
+
 class BadNetwork:
     """Predicts by `kind` instead of by what was learned."""
 

@@ -73,6 +73,16 @@ class Predictor:
         return 0
 
     @property
+    def step_count(self) -> int:
+        """Steps of training so far, of what a process trains."""
+        return 0
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether a process trains it that has not yet learned all that there is to learn from."""
+        return False
+
+    @property
     def predictions(self) -> Predictions:
         """What it has learned."""
         return Predictions()
@@ -206,6 +216,14 @@ class DeferredPredictor(Predictor):
     @property
     def is_ready(self) -> bool:
         return self._made is not None and self._made.is_ready
+
+    @property
+    def step_count(self) -> int:
+        return 0 if self._made is None else self._made.step_count
+
+    @property
+    def is_learning(self) -> bool:
+        return self._made is not None and self._made.is_learning
 
     @property
     def predictions(self) -> Predictions:

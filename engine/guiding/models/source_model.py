@@ -35,6 +35,16 @@ class SourceModel:
         self.seconds = 0.0
         self.notices: list[Notice] = []
 
+    @property
+    def step_count(self) -> int:
+        """Steps of training so far, of what a process trains."""
+        return 0
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether a process trains it that has not yet learned all that there is to learn from."""
+        return False
+
     def learn(
         self, records: VertexRecords, row_count: int, samples: float, recorded_share: float,
         executor: ThreadPoolExecutor, thread_count: int,

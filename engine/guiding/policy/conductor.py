@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from engine.guiding.policy.iteration import Iteration, Traced
 from engine.guiding.policy.iterations import is_narrow
 from engine.guiding.policy.keeping import FieldKeeper
 from engine.guiding.policy.learnables.learnable import Learnable, Rehearsal
+from engine.guiding.policy.metered import LearningTime
 from engine.guiding.policy.recording import Recording
 from engine.guiding.policy.standing import Standing
 from engine.guiding.policy.trial import ArmSamples
@@ -62,6 +62,8 @@ class Conductor:
         self._recording, self._rest = recording, rest
         self.notices, self.report = context.notices, context.report
         self._learning_seconds = 0.0
+        waiting_count = 0 if context.traces_while_learning else context.thread_count
+        self._learning_time = LearningTime(context.executor, waiting_count)
 
     @property
     def arms(self) -> Sequence[ArmSamples]:
@@ -132,9 +134,9 @@ class Conductor:
         """Have one learn; returns the seconds that guiding has to pay for."""
         if learnable.is_over:
             return 0.0
-        started = time.perf_counter()
+        self._learning_time.begin()
         learnable.learn(iteration)
-        return time.perf_counter() - started if learnable.serves_guiding else 0.0
+        return self._learning_time.end() if learnable.serves_guiding else 0.0
 
     def _notes_loss(self) -> bool:
         """End what guided paths need, if guiding has just been given up; returns whether it has."""

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from engine.guiding.models.report import GuidingReport
+from engine.guiding.policy.metered import MeteredExecutor
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.guiding.policy.rules import Rules
 from engine.scene.description import Notice
@@ -33,7 +33,7 @@ class RenderContext:
         sample on, by what four unguided ones have left
     report : GuidingReport, which all of them write to
     notices : list of Notice, for the user
-    executor : ThreadPoolExecutor, to learn with
+    executor : MeteredExecutor, to learn with
     """
 
     settings: RenderSettings
@@ -46,7 +46,12 @@ class RenderContext:
     has_media: bool = False
     report: GuidingReport = field(default_factory=GuidingReport)
     notices: list[Notice] = field(default_factory=list)
-    executor: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1))
+    executor: MeteredExecutor = field(default_factory=lambda: MeteredExecutor(1))
+
+    @property
+    def traces_while_learning(self) -> bool:
+        """Whether threads trace while one of them learns (`engine.render.bridge`)."""
+        return self.request.bridges(self.settings)
 
     @property
     def rules(self) -> Rules:

@@ -16,6 +16,28 @@ from engine.guiding.policy.remaining_samples import RemainingSamples
 from engine.guiding.policy.rules import RULES, Rules
 
 
+class _NetworkTrial:
+    """How long a network is on trial: from its first snapshot on, whenever the process that trains it came to that.
+
+    Samples of a small picture by many threads pass faster than any network learns.
+    """
+
+    def __init__(self, remaining: RemainingSamples, rules: Rules, next_sample: int, step_count: int) -> None:
+        self._remaining, self._rules = remaining, rules
+        spent, left = remaining.spent(next_sample), remaining.left(next_sample)
+        least = rules.network_least_seconds if remaining.uses_clock else rules.network_least_samples
+        self._until = spent + max(rules.network_trial_share * left, least)
+        self._at_most = spent + max(rules.network_longest_share * left, least)
+        self._until_step = step_count + rules.network_trial_steps
+
+    def is_over(self, next_sample: int, predictor: Predictor, look_count: int) -> bool:
+        """Whether it has had its time, and has learned and been looked at as often as a verdict takes."""
+        spent = self._remaining.spent(next_sample)
+        has_learned = predictor.step_count >= self._until_step or not predictor.is_learning
+        is_fair = has_learned and look_count >= self._rules.network_looks
+        return spent >= self._until and (is_fair or spent >= self._at_most)
+
+
 class Gate:
     """Trains what predicts for a bounded while, and keeps it or gives it up for good.
 
@@ -38,7 +60,8 @@ class Gate:
         self._report = report
         self._remaining = remaining
         self._judges_on = judges_on
-        self._until = self._trained_until = math.inf
+        self._trial: _NetworkTrial | None = None
+        self._trained_until = math.inf
         self._is_kept = False
         self._evidence: list[float] = []
         report.is_network_gated = True
@@ -71,9 +94,9 @@ class Gate:
         if self.predictor.has_begun or is_early or not self._remaining.is_long(next_sample):
             return
         self.predictor.begin(region_count)
-        left = self._remaining.samples_left(next_sample)
-        self._until = next_sample + max(self._rules.network_trial_share * left, self._rules.network_least_trial)
-        self._trained_until = max(self._until, self._rules.network_trained_share * (next_sample + left))
+        remaining = self._remaining
+        whole = remaining.spent(next_sample) + remaining.left(next_sample)
+        self._trained_until = self._rules.network_trained_share * whole
 
     def judge(self, next_sample: int, efficiency: float | None) -> None:
         """Take an iteration.
@@ -88,10 +111,13 @@ class Gate:
         # One that another render has learned is judged before it is trained on.
         if not (self.predictor.has_begun or self.predictor.is_ready) or self._report.network_stopped_at:
             return
-        if self._is_kept and next_sample >= self._trained_until:
-            self.predictor.close()
+        if self._trial is None and self.predictor.is_ready:
+            self._trial = _NetworkTrial(self._remaining, self._rules, next_sample, self.predictor.step_count)
         if efficiency is not None and efficiency > 0.0:
             self._evidence = [*self._evidence, math.log(efficiency)][-self._rules.network_looks:]
+        is_over = self._trial is not None and self._trial.is_over(next_sample, self.predictor, len(self._evidence))
+        if self._is_kept and is_over and self._remaining.spent(next_sample) >= self._trained_until:
+            self.predictor.close()
         if not self._is_undecided:
             return
         if len(self._evidence) == self._rules.network_looks:
@@ -100,7 +126,7 @@ class Gate:
                 self._is_kept = True
                 return
         # It is still learning; but not for long.
-        if next_sample >= self._until:
+        if is_over:
             self._give_up(next_sample)
 
     def _give_up(self, next_sample: int) -> None:

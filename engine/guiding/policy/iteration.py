@@ -52,7 +52,7 @@ class Iteration:
     is_early : bool, nothing is learned from it yet: its records wait for those of the next
     samples_left : float, a pixel, as far as it is known
     is_next_last : bool, nobody will go by what the next iteration finds
-    learning_seconds : float, that learning what guides took the last time, of one thread [s]
+    learning_seconds : float, that learning what guides took the last time of the tracing threads' time [s]
     """
 
     traced: Traced

@@ -29,6 +29,8 @@ class PlainTrial:
     tries_plain : bool
         Whether to compare at all.
     rules : Rules
+    plain : SampleMoments, optional
+        All unguided samples of the image so far, where there are any.
 
     Attributes
     ----------
@@ -36,7 +38,9 @@ class PlainTrial:
     efficiency : float, over unguided rendering when last compared
     """
 
-    def __init__(self, pixel_count: int, *, tries_plain: bool, rules: Rules = RULES) -> None:
+    def __init__(
+        self, pixel_count: int, *, tries_plain: bool, rules: Rules = RULES, plain: SampleMoments | None = None
+    ) -> None:
         self._rules = rules
         self.has_lost = False
         self.efficiency = math.nan
@@ -44,6 +48,8 @@ class PlainTrial:
         self._tries_plain = tries_plain
         #: Where the trial against unguided rendering stands.
         self._iteration = 0
+        #: The sample from which on it is tried: what is left is compared with what trying has taken.
+        self._begun_at = 0
         self._compared_at = 0
         self._has_won = False
         #: Whether the newest comparison was of a part of the pixels.
@@ -53,7 +59,7 @@ class PlainTrial:
         self._trial: GuidingTrial | None = None
         self._is_comparing = False
         #: All unguided samples of the image, and whether those of the iteration in work are, whatever their arm.
-        self._plain = SampleMoments(pixel_count)
+        self._plain = plain or SampleMoments(pixel_count)
         self._knows_something = False
         #: Later comparisons with unguided rendering: whether this iteration takes part in one, from which sample on the
         #: next is due, and the overheads of its iterations so far.
@@ -77,6 +83,18 @@ class PlainTrial:
         self._has_won = False
         self._trial = None
         self._overheads = []
+
+    def successor(self, next_sample: int) -> PlainTrial:
+        """The trial of what takes over at a sample from what was tried so far, and has just begun to guide. This one
+        rests.
+        """
+        following = PlainTrial(
+            self._pixel_count, tries_plain=self._tries_plain, rules=self._rules, plain=self._plain
+        )
+        following.restart(trial.BEFORE_FIRST)
+        following._begun_at = next_sample
+        self._trial, self._is_comparing, self._looks_again, self._overheads = None, False, False, []
+        return following
 
     @property
     def verdict(self) -> str:
@@ -108,7 +126,7 @@ class PlainTrial:
 
     def judge(
         self, weights: np.ndarray, next_sample: int, overhead: float, samples_left: float = math.inf, *,
-        is_part: bool = False, is_cautious: bool = False,
+        is_part: bool = False, is_cautious: bool = False, is_learning: bool = False,
     ) -> bool:
         """After an iteration: draw the conclusion, if it compared; returns whether there is one.
 
@@ -124,8 +142,12 @@ class PlainTrial:
             Whether a part of the pixels was compared.
         is_cautious : bool
             As of `engine.guiding.policy.trial.least_efficiency`.
+        is_learning : bool
+            Whether what guides has hardly learned yet, however many iterations are over: as much is asked of it as
+            after the first comparison.
         """
-        self._iteration += 1
+        if not is_learning or self._iteration < min(self._rules.least_efficiency):
+            self._iteration += 1
         self.has_lost = False
         compared, self._trial = self._trial, None
         if compared is None:
@@ -146,7 +168,7 @@ class PlainTrial:
         self.efficiency = efficiency
         self._has_won = efficiency >= self._rules.clear_efficiency[self._compared_at]
         least = trial.least_efficiency(
-            self._compared_at, next_sample, samples_left, is_part=is_part, is_cautious=is_cautious,
+            self._compared_at, next_sample - self._begun_at, samples_left, is_part=is_part, is_cautious=is_cautious,
             rules=self._rules,
         )
         # Written so that NaN, nothing compared, goes on.

@@ -66,7 +66,7 @@ class GuidedRecording(Recording):
     first_samples : int
         A pixel, that are recorded before anything is learned.
     source : LearnedSource or None
-        What directions are drawn from, if not the mixture field: networks learn from all that there is.
+        What directions are drawn from, if not the mixture field: it learns however little is left of the render.
     cache : Standing or None
         The radiance cache's, which does so too.
     """

@@ -22,6 +22,10 @@ class RemainingSamples:
     caution : float
         How many times as long what is left must be.
     rules : Rules
+
+    Attributes
+    ----------
+    uses_clock : bool
     """
 
     def __init__(
@@ -34,7 +38,7 @@ class RemainingSamples:
         self._rules = rules
         self._settings = settings
         self._paths_per_sample = paths_per_sample
-        self._uses_clock = uses_clock
+        self.uses_clock = uses_clock
         self._started = time.perf_counter()
 
     def begin(self) -> None:
@@ -44,16 +48,25 @@ class RemainingSamples:
     def samples_left(self, next_sample: int) -> float:
         """Samples a pixel that are still to come, as far as it is known."""
         left = float(self._settings.samples - next_sample)
-        if self._uses_clock and self._settings.time_limit > 0.0:
+        if self.uses_clock and self._settings.time_limit > 0.0:
             left = min(left, next_sample * (self._settings.time_limit / max(self._elapsed, 1e-9) - 1.0))
         return max(min(left, self.expected_samples), 0.0)
 
     def is_long(self, next_sample: int) -> bool:
         """Whether what is left is worth training for."""
-        left = self.samples_left(next_sample)
-        if not self._uses_clock:
+        left = self.left(next_sample)
+        if not self.uses_clock:
             return left * self._paths_per_sample >= self._rules.least_paths_left * self._caution
-        return self._elapsed * left / max(next_sample, 1) >= self._rules.least_time_left * self._caution
+        return left >= self._rules.least_time_left * self._caution
+
+    def spent(self, next_sample: int) -> float:
+        """What the render has taken so far: seconds where the image may depend on the clock, else samples a pixel."""
+        return self._elapsed if self.uses_clock else float(next_sample)
+
+    def left(self, next_sample: int) -> float:
+        """What it is still to take, in the unit of `spent`, as far as it is known."""
+        left = self.samples_left(next_sample)
+        return self._elapsed * left / max(next_sample, 1) if self.uses_clock else left
 
     @property
     def _elapsed(self) -> float:

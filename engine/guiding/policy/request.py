@@ -9,6 +9,7 @@ from engine.guiding.models.record_sink import RecordSink
 from engine.guiding.models.source_model import TrainedSource
 from engine.guiding.policy.rules import RULES, Rules
 from engine.guiding.saved.learned import LearnedField
+from engine.settings import RenderSettings
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,10 @@ class LearningRequest:
     def is_for_later(self) -> bool:
         """Whether records are of use after the render."""
         return self.keeps or self.sink is not None
+
+    def bridges(self, settings: RenderSettings) -> bool:
+        """Whether threads trace while one of them learns: not where all samples are to teach, nor within strata."""
+        return settings.strata <= 1 and not self.is_for_later
 
 
 #: Nothing but what the settings say.

@@ -57,6 +57,15 @@ class Rules:
     #: weight the share is (n - 1) / n. Less tells nothing.
     least_left: float = 0.4
 
+    #: A network that directions are drawn from begins to guide once it has been trained by so many steps (of 4096
+    #: records), or has nothing more to learn from: with 6 to 25 steps it had 0.2 to 0.6 of the efficiency of unguided
+    #: rendering, and spoiled what the mixture field learned from.
+    source_least_steps: int = 64
+    #: It is asked for as little as after a first comparison until it has been trained by so many steps, or has nothing
+    #: more to learn from; for this share of what was left when it began to guide at most.
+    source_doubtful_steps: int = 256
+    source_doubtful_share: float = 0.25
+
     #: An iteration of fewer samples a pixel compares nothing.
     least_compared: int = 4
 
@@ -105,9 +114,15 @@ class Rules:
     #: Training begins after so many samples a pixel: before, records are few, and what guides changes with each
     #: iteration.
     network_from: int = 15
-    #: A network is on trial for this share of what is left, but for as many samples as it takes to learn and be judged.
+    #: A network is on trial from its first snapshot on, for this share of what is left then, but for as long as it
+    #: takes to learn and be judged: seconds or, without a clock, samples. It is not given up before it has been trained
+    #: by so many steps, or has nothing more to learn from, and been looked at `network_looks` times; but after
+    #: `network_longest_share` of what was left it is.
     network_trial_share: float = 0.1
-    network_least_trial: int = 64
+    network_longest_share: float = 0.25
+    network_least_seconds: float = 2.0
+    network_least_samples: int = 64
+    network_trial_steps: int = 128
     #: Training of a network that is kept ends after this share of the render, as the paper's mixtures have it (Dong et
     #: al. 2023, section 5.2): what it has learned has to pay for itself in what is left.
     network_trained_share: float = 0.25

@@ -8,7 +8,6 @@ line in its list.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +30,7 @@ from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.learnables.roulette import LearnedRoulette
 from engine.guiding.policy.learnables.sink import Handed
 from engine.guiding.policy.learnables.source import LearnedSource
+from engine.guiding.policy.metered import MeteredExecutor
 from engine.guiding.policy.questions.cache import CacheQuestion
 from engine.guiding.policy.questions.guiding import GuidingQuestion
 from engine.guiding.policy.questions.media import MediaQuestion
@@ -62,7 +62,7 @@ def make_learner(
     report = GuidingReport(method=settings.guiding_method if settings.is_guided else "OFF")
     context = RenderContext(
         settings, thread_count, pixel_count, unit_pixels or pixel_count, request, light_clusters, trial_share,
-        has_media, report, executor=ThreadPoolExecutor(thread_count, thread_name_prefix="learn"),
+        has_media, report, executor=MeteredExecutor(thread_count, thread_name_prefix="learn"),
     )
     if settings.is_guided:
         return _Guided(context).conductor()
@@ -139,7 +139,8 @@ class _Guided:
         # Samples outside the trial have to count as much as those that are guided, and nobody may ask for all records:
         # cells need them early. In media guiding loses more than they would gain.
         needs_records = request.sink is not None or (self.has_cache and not context.has_media)
-        is_apart = self.weighs_arms and model is None and not needs_records
+        is_new = model is None or (model.has_stand_in and model.is_asynchronous)
+        is_apart = self.weighs_arms and is_new and not needs_records
         self.trial_share = context.trial_share if is_apart else 1.0
         self.cautious = CautiousTrial(context.rules) if context.has_media and is_apart else None
         self.remaining = self._remaining()

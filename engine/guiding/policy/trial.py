@@ -54,7 +54,7 @@ def least_efficiency(
     iteration : int
         Of `Rules.least_efficiency`.
     next_sample : int
-        Samples a pixel so far.
+        Samples a pixel so far, since it is tried.
     samples_left : float
     is_part : bool
         Whether a part of the pixels was compared.

@@ -16,26 +16,13 @@ from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
 from tests.helpers.some_cases import every
 from tests.helpers.training import refuse_workers, require_torch
-from tests.helpers.untrained_networks import Untrained
+from tests.helpers.untrained_networks import Late, Untrained
 
 SEEDS = 6
 NETWORK_SOURCES = [source.name for source in SOURCES.values() if source.is_network]
 TREES = ("SDTREE", "SDTREE_VARIANCE")
 LONG = (pytest.mark.slow, pytest.mark.one_of_many)
 LONGEST = {"samples": 63, "max_bounces": 12, "diffuse_bounces": 12, "guiding_trial": False}
-
-
-class Late(Untrained):
-    """Knows nothing until it has been asked to learn so many times."""
-
-    def __init__(self, settings, scale, silence):
-        super().__init__(settings, scale)
-        self._later, self.field, self._silence = self.field, None, silence
-
-    def learn(self, *_arguments):
-        self._silence -= 1
-        if self._silence == 0:
-            self.field = self._later
 
 
 def means(method, seeds=SEEDS, **settings):

@@ -8,7 +8,6 @@ last snapshot or without one.
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import subprocess
 import sys
@@ -20,6 +19,7 @@ from engine.array_types import Float32Array
 from engine.guiding.neural.networks.radiance import Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.neural.trainer import standby
 from engine.guiding.neural.trainer.channel import FIRST_SLOT, Channel
+from engine.guiding.neural.trainer.reader import Reader
 from engine.guiding.neural.trainer.status import TrainerState, TrainerStatus, WorkerNews
 from engine.guiding.records.light import Records
 from engine.processes.child import ENTRY, Child
@@ -94,8 +94,9 @@ class NetworkTrainer:
         # Guarded by the lock of the news.
         self._channel: Channel | None = None
         self._child: Child | None = None
-        self._reader: threading.Thread | None = None
+        self._reader: Reader | None = None
         self._submission_count = 0
+        self._told_step = 0
 
     # Life
 
@@ -128,16 +129,18 @@ class NetworkTrainer:
             "thread_count": self._thread_count,
             "goes_on": self._first is not None,
         }
-        child = standby.take(self._interpreter) if self.script == ENTRY else None
-        if child is None:
+        taken = standby.take(self._interpreter) if self.script == ENTRY else None
+        before = None
+        if taken is None:
             child = standby.launch(
                 self._interpreter, config | {"channel": channel.address}, thread_count=self._thread_count,
                 memories=(channel.memory,), script=self.script,
             )
         else:
+            child, before = taken.worker, taken.reader
             child.send(kind="job", config=config | {"channel": channel.address_for_others})
         self._child = child
-        self._reader = threading.Thread(target=self._listen, args=(self._child,), name="training", daemon=True)
+        self._reader = Reader(child, before, self._news, self._die)
         self._reader.start()
 
     @property
@@ -155,16 +158,17 @@ class NetworkTrainer:
         self._die("closed")
 
     def _give_back(self) -> None:
-        """Leave the worker to the next training, if it is well."""
+        """Leave the worker to the next training, if it is well, or still starting."""
         with self._news.changed:
-            is_well = self._news.status.state in (TrainerState.WAITING, TrainerState.TRAINING, TrainerState.IDLE)
-            if not is_well or not self._may_stay:
+            state, child, reader = self._news.status.state, self._child, self._reader
+            if state in (TrainerState.OFF, TrainerState.DEAD) or not self._may_stay or child is None or reader is None:
                 return
-            child, self._child = self._child, None
-            reader, self._reader = self._reader, None
-        assert child is not None and reader is not None
+            self._child = self._reader = None
+            if state is TrainerState.STARTING and self._channel is not None:
+                reader.close_at_end(self._channel)
+                self._channel = None
         child.send(kind="leave")
-        standby.keep(child, reader)
+        standby.keep(child, reader, is_starting=state is TrainerState.STARTING)
 
     @property
     def _may_stay(self) -> bool:
@@ -202,21 +206,6 @@ class NetworkTrainer:
         if child is not None:
             child.send(**message)
 
-    def _listen(self, child: Child) -> None:
-        """Take the worker's messages until it is gone (thread)."""
-        stream = child.process.stdout
-        assert stream is not None
-        try:
-            for line in stream:
-                message = json.loads(line)
-                if message["kind"] == "left":
-                    return
-                self._news.take(message)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            self._die(f"the training worker answered nonsense: {error}")
-            return
-        self._die(f"the training worker {child.reason(child.process.wait())}")
-
     def _watch(self) -> None:
         """A worker that has said nothing for too long is hung."""
         if silence := self._news.silence():
@@ -230,6 +219,17 @@ class NetworkTrainer:
         self._watch()
         with self._news.changed:
             return self._news.status
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether the worker has not learned all yet that there is to learn from: later snapshots will be better.
+
+        On command it stops before the step that it was told to train to where more steps would learn noise.
+        """
+        status = self.status
+        if self._on_command:
+            return status.state is not TrainerState.DEAD and status.step >= self._told_step
+        return status.state in (TrainerState.STARTING, TrainerState.WAITING, TrainerState.TRAINING)
 
     def submit(self, records: Records | Float32Array, row_count: int) -> int:
         """Hand over the records of an iteration; the worker's part of them, if there are more than it takes.
@@ -299,6 +299,7 @@ class NetworkTrainer:
             raise ValueError("train_until needs a trainer that is deterministic or trains on command")
         with self._news.changed:
             self._news.trained_step = -1
+            self._told_step = step
             self._send(kind="train", until=step)
         self._wait_for(lambda: self._news.trained_step >= 0)
         return self.poll()

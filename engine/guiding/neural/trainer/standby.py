@@ -53,16 +53,18 @@ def launch(
 
 
 @dataclass
-class _Standing:
+class Standing:
     """A worker that stands by.
 
-    reader : what takes its answers until it is through with the training before; None if there was none
-    since : when it was last heard of or written to
+    reader : Thread or None, what takes its answers until it is through with the training before; None: there was none
+    since : float, when it was last heard of or written to [s]
+    is_starting : bool, whether it had not begun with the training before when it was given back
     """
 
     worker: Child
     reader: threading.Thread | None
     since: float
+    is_starting: bool = False
 
     @property
     def is_well(self) -> bool:
@@ -71,10 +73,11 @@ class _Standing:
 
     @property
     def is_through(self) -> bool:
-        """Whether it is done with the training before; waits for that a little."""
-        if self.reader is not None:
+        """Whether it is done with the training before, or will be once it has started; waits for the former a little.
+        """
+        if self.reader is not None and not self.is_starting:
             self.reader.join(timeout=LEAVE_SECONDS)
-        return self.reader is None or not self.reader.is_alive()
+        return self.reader is None or self.is_starting or not self.reader.is_alive()
 
     def end(self) -> None:
         """End it without waiting for what it is doing: it has nothing to lose."""
@@ -85,11 +88,17 @@ class _Standing:
 
 
 _lock = threading.Lock()
-_standing: _Standing | None = None
+_standing: Standing | None = None
 
 
-def stand_by() -> None:
-    """Have a worker stand by, if the system allows it; returns at once and never raises."""
+def stand_by(device: str = "AUTO") -> None:
+    """Have a worker stand by, if the system allows it; returns at once and never raises.
+
+    Parameters
+    ----------
+    device : str
+        What it gets ready on, as `TrainingSettings` has it.
+    """
     global _standing
     with _lock:
         if not CAN_STAND_BY:
@@ -103,23 +112,26 @@ def stand_by() -> None:
             _standing = None
         # Without one, training starts its own, and says why where that fails too.
         with contextlib.suppress(OSError):
-            _standing = _Standing(launch(sys.executable, {"stands_by": True}), None, time.monotonic())
+            _standing = Standing(launch(sys.executable, {"stands_by": True, "device": device}), None, time.monotonic())
 
 
-def take(interpreter: str) -> Child | None:
-    """The worker that stands by, if it is well and runs under this Python; nobody else gets it."""
+def take(interpreter: str) -> Standing | None:
+    """The worker that stands by, if it is well and runs under this Python; nobody else gets it.
+
+    Its answers are the taker's from when its reader has ended.
+    """
     global _standing
     with _lock:
         if interpreter != sys.executable or _standing is None:
             return None
         standing, _standing = _standing, None
         if standing.is_through and standing.is_well:
-            return standing.worker
+            return standing
         standing.end()
         return None
 
 
-def keep(worker: Child, reader: threading.Thread) -> None:
+def keep(worker: Child, reader: threading.Thread, *, is_starting: bool) -> None:
     """Take a worker back that has been told to leave its training; returns at once.
 
     Parameters
@@ -128,9 +140,11 @@ def keep(worker: Child, reader: threading.Thread) -> None:
         The process, which runs this one's Python.
     reader : Thread
         Reads the worker's answers, and ends with the one that says that it has left.
+    is_starting : bool
+        Whether it has not begun with that training. Then whoever takes it waits for it as for a new one.
     """
     global _standing
-    given_back = _Standing(worker, reader, time.monotonic())
+    given_back = Standing(worker, reader, time.monotonic(), is_starting)
     with _lock:
         if _standing is not None and _standing.is_well:
             given_back.end()

@@ -19,7 +19,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from engine.guiding.neural.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
-from engine.guiding.neural.worker.kinds import KINDS, make_training, rehearse
+from engine.guiding.neural.worker.kinds import KINDS, choose_device, make_training, rehearse
 from engine.guiding.neural.worker.patience import Patience
 
 #: Steps between two looks at the held-out records.
@@ -50,6 +50,8 @@ class Service:
         #: Set once the renderer has no more use for this training.
         self.is_over = threading.Event()
         self._began = time.process_time()
+        #: What is trained; None before and after.
+        self.training: Any = None
 
     def answer(self, kind: str, **fields: Any) -> None:
         """Send a message; a renderer that is gone is the end of this process too."""
@@ -78,13 +80,20 @@ class Service:
         config = self.config
         thread_count = 1 if config["deterministic"] else max(1, config["thread_count"])
         bounds = None if config["bounds"] is None else np.array(config["bounds"], np.float32)
-        arguments = (self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"])
-        rehearse(*arguments)
-        self.training, device = make_training(*arguments)
+        chosen = choose_device(
+            self.shape, self.settings, thread_count, is_deterministic=config["deterministic"]
+        )
+        rehearse(self.shape, self.settings, thread_count, chosen.device)
+        if self.is_over.is_set():
+            # The render ended while this process started.
+            return
+        self.training = make_training(
+            self.shape, self.settings, config["seed"], bounds, thread_count, chosen.device
+        )
         first = self.channel.read_snapshot(FIRST_SLOT) if config["goes_on"] else None
         if first is not None:
             self.training.go_on_from(first)
-        self.answer("ready", device=device, threads=thread_count)
+        self.answer("ready", device=chosen.words, threads=thread_count)
         if config["on_command"]:
             self.train_on_command()
         else:
@@ -94,7 +103,7 @@ class Service:
         """Give back the memory, most of which is rows."""
         self.channel.close()
         self._pending.clear()
-        del self.training
+        self.training = None
 
     def take_pending(self) -> bool:
         """Hand arrived records to training."""

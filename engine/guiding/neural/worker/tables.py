@@ -12,10 +12,8 @@ from engine.array_types import Float32Array
 from engine.guiding.neural.networks.encoding import Encoding
 from engine.guiding.neural.networks.grids import catch_up, step_table
 from engine.guiding.neural.networks.mixture.features import MixtureEncoding
+from engine.guiding.neural.worker.adam import BETAS, TABLE_EPSILON
 
-#: Of Adam, of perceptrons too.
-BETAS = (0.9, 0.99)
-ADAM_EPSILON = 1e-15
 _DECAY_POWERS = 1 << 10
 
 
@@ -80,7 +78,7 @@ class LearnedTable:
         step_table(
             self.parameters, self._gradient, *self._moments, self._average, self._average_step, self._decay, step,
             np.float32(self._learning_rate * correction), np.float32(BETAS[0]), np.float32(BETAS[1]),
-            np.float32(ADAM_EPSILON),
+            np.float32(TABLE_EPSILON),
         )
 
     def catch_up(self, step: int) -> None:

@@ -32,6 +32,8 @@ class LearnedSource(Learnable):
     ) -> None:
         self._context, self._standing, self._regions, self._model = context, standing, regions, model
         self._is_given_up = False
+        #: Whether it guides as soon as it has a field: a network waits until it knows more than a first snapshot does.
+        self._guides = model.field is not None or not model.has_stand_in
         self._takes_over = False
 
     @property
@@ -46,7 +48,18 @@ class LearnedSource(Learnable):
     @property
     def has_stand_in(self) -> bool:
         """Whether it guides, and the mixture field can do so instead."""
-        return not self.is_over and self._model.has_stand_in and self._model.field is not None
+        return not self.is_over and self._guides and self._model.has_stand_in and self._model.field is not None
+
+    @property
+    def stands_alone(self) -> bool:
+        """Whether it learns, and nothing else could guide in its place."""
+        return not self.is_over and not self._model.has_stand_in
+
+    @property
+    def is_learning(self) -> bool:
+        """Whether it guides, and has hardly been trained yet."""
+        is_new = self._model.step_count < self._context.rules.source_doubtful_steps
+        return self.has_stand_in and self._model.is_learning and is_new
 
     def has_taken_over(self) -> bool:
         """Whether it has begun to guide where its stand-in did, since this was last asked."""
@@ -57,14 +70,15 @@ class LearnedSource(Learnable):
         if self._regions.models is None:
             return
         context, model, started = self._context, self._model, time.perf_counter()
-        had_field = model.field is not None
         model.learn(
             iteration.records, iteration.row_count, iteration.samples, iteration.traced.recorded_share,
             context.executor, context.thread_count,
         )
         if not model.is_asynchronous:
             context.report.field_seconds += (time.perf_counter() - started) * context.thread_count
-        self._takes_over = model.has_stand_in and model.field is not None and not had_field
+        if not self._guides and model.field is not None:
+            has_learned = model.step_count >= context.rules.source_least_steps or not model.is_learning
+            self._guides = self._takes_over = has_learned
         self._describe()
         context.notices.extend(model.notices)
         model.notices.clear()
@@ -73,7 +87,7 @@ class LearnedSource(Learnable):
         self._context.report.source, self._context.report.source_seconds = self._model.describe(), self._model.seconds
 
     def complete(self, guidance: Guidance, way: Way, image: ImageState) -> Guidance:
-        if not way.is_guided or self._is_given_up:
+        if not way.is_guided or self._is_given_up or not self._guides:
             return guidance
         return replace(guidance, source=self._model.field)
 

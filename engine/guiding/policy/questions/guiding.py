@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Is guiding worth it? It is compared with unguided rendering, at first, and again later on unless there is no doubt.
 
-Where it loses, less is guided if that may pay, else nothing (docs/decisions/trial-and-choice.md).
+Where it loses, less is guided if that may pay, else nothing (docs/decisions/trial-and-choice.md). A network that
+directions are drawn from has a trial of its own when it begins to guide; where it loses, what stood in for it goes on.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from engine.state.film import FilmTile
 from engine.state.unit import PLAIN, Unit
 
 
-def learning_overhead(iteration: Iteration, thread_count: int, rules: Rules) -> float:
+def learning_overhead(iteration: Iteration, rules: Rules) -> float:
     """What learning will cost, as a share of what guiding all pixels will.
 
     The iterations compared are short. Those to come are longer, and learn from as many records.
@@ -36,12 +37,10 @@ def learning_overhead(iteration: Iteration, thread_count: int, rules: Rules) -> 
     Parameters
     ----------
     iteration : Iteration, that has compared
-    thread_count : int
     rules : Rules
     """
-    learning = iteration.learning_seconds * thread_count
     to_come = min(rules.longest_iteration, iteration.samples_left)
-    return learning / max(iteration.seconds * max(to_come / iteration.sample_count, 1.0), 1e-9)
+    return iteration.learning_seconds / max(iteration.seconds * max(to_come / iteration.sample_count, 1.0), 1e-9)
 
 
 class GuidingQuestion(Question):
@@ -82,6 +81,10 @@ class GuidingQuestion(Question):
             context.pixel_count, tries_plain=context.settings.guiding_trial, rules=context.rules
         )
         self.other_arms: Sequence[ArmSamples] = ()
+        #: The trial of what stood in for the source that guides, and the sample until which that gets the benefit of
+        #: the doubt.
+        self._stand_in: PlainTrial | None = None
+        self._doubtful_until = 0.0
 
     @property
     def is_over(self) -> bool:
@@ -102,11 +105,12 @@ class GuidingQuestion(Question):
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether guiding by the mixture field has not been found to pay: then few paths are recorded."""
-        has_source = self._source is not None and not self._source.is_over
-        is_tried = self._context.settings.guiding_trial and not has_source
+        """Whether neither guiding nor what stood in for the source has been found to pay: then few paths are recorded.
+        """
+        is_tried = self._context.settings.guiding_trial and not (self._source is not None and self._source.stands_alone)
         is_promising = self._cautious is not None and self._cautious.is_promising
-        return is_tried and not (self.trial.is_paying or is_promising)
+        has_paid = self._stand_in is not None and self._stand_in.is_paying
+        return is_tried and not (self.trial.is_paying or has_paid or is_promising)
 
     def narrow(self, pixel_count: int, expected_samples: float) -> None:
         if pixel_count < self._context.pixel_count:
@@ -122,29 +126,42 @@ class GuidingQuestion(Question):
     def conclude(self, iteration: Iteration) -> None:
         overhead = 0.0
         if self._uses_clock:
-            overhead = learning_overhead(iteration, self._context.thread_count, self._context.rules)
+            overhead = learning_overhead(iteration, self._context.rules)
         next_sample, weights = iteration.next_sample, iteration.image.weights
         assert weights is not None
         says = self.trial.judge(
             weights, next_sample, overhead, iteration.samples_left, is_part=bool(self.other_arms),
-            is_cautious=self._cautious is not None,
+            is_cautious=self._cautious is not None, is_learning=self._is_learning(next_sample),
         )
-        report, efficiency = self._context.report, self.trial.efficiency
+        report = self._context.report
         if says:
-            report.trials.append(f"{self._method.trial.rung} over OFF {efficiency:.2f} at sample {next_sample}")
-        report.efficiency = efficiency
+            report.trials.append(f"{self._tried} over OFF {self.trial.efficiency:.2f} at sample {next_sample}")
         self.other_arms = ()
-        if not self.trial.has_lost:
-            return
-        if self._source is not None and self._source.has_stand_in:
-            self._source.give_up(next_sample)
-            # What stands in for it has long been learning: no more benefit of the doubt.
-            self.trial.restart(trial.LAST_DOUBT)
-        else:
+        if self.trial.has_lost:
             self._lose(iteration)
+        report.efficiency = self.trial.efficiency
+
+    def _is_learning(self, next_sample: int) -> bool:
+        """Whether the source guides and has hardly learned yet."""
+        return self._source is not None and self._source.is_learning and next_sample < self._doubtful_until
+
+    @property
+    def _tried(self) -> str:
+        """What is compared, for people."""
+        is_stand_in = self._source is not None and not (self._source.has_stand_in or self._source.stands_alone)
+        return "the mixture field" if is_stand_in else self._method.trial.rung
 
     def _lose(self, iteration: Iteration) -> None:
-        """Guide less, where that may pay; else give guiding up."""
+        """Guide by what stands in for the source; or less, where that may pay; else give guiding up."""
+        if self._source is not None and self._source.has_stand_in:
+            self._source.give_up(iteration.next_sample)
+            if self._stand_in is None:
+                # It has long been learning: no more benefit of the doubt.
+                self.trial.restart(trial.LAST_DOUBT)
+            else:
+                # Its trial goes on where it stood.
+                self.trial, self._stand_in = self._stand_in, None
+            return
         is_short = trial.is_short(iteration.next_sample, iteration.samples_left, self._context.rules)
         if not is_short and self._media.fall_back():
             self.trial.restart(trial.LAST_DOUBT)
@@ -155,12 +172,12 @@ class GuidingQuestion(Question):
 
     def _weigh_promises(self, iteration: Iteration) -> None:
         """Give up where a comparison shows guiding to lose and regions promise nothing of what would be guided now."""
-        cautious, efficiency = self._cautious, self.trial.efficiency
+        cautious = self._cautious
         if cautious is None or self._regions.models is None:
             return
-        while not self.is_over and self.is_doubtful and cautious.is_hopeless(self._promised, efficiency):
+        while not self.is_over and self.is_doubtful and cautious.is_hopeless(self._promised, self.trial.efficiency):
             self._lose(iteration)
-        cautious.weigh(self._promised, efficiency)
+        cautious.weigh(self._promised, self.trial.efficiency)
 
     @property
     def _promised(self) -> tuple[float, ...]:
@@ -171,7 +188,9 @@ class GuidingQuestion(Question):
     def plan(self, iteration: Iteration, *, is_free: bool) -> Sequence[ArmSamples]:
         if self._source is not None and self._source.has_taken_over():
             # What was tried so far was the mixture field.
-            self.trial.restart(trial.BEFORE_FIRST)
+            self._stand_in, self.trial = self.trial, self.trial.successor(iteration.next_sample)
+            left = self._context.rules.source_doubtful_share * iteration.samples_left
+            self._doubtful_until = iteration.next_sample + left
         self._weigh_promises(iteration)
         if self.is_over:
             return ()

@@ -10,6 +10,7 @@ import pytest
 from engine.guiding.models.predictors import Predictor, TablePredictor
 from engine.guiding.models.regions import RegionModels
 from engine.guiding.models.report import GuidingReport
+from engine.guiding.policy import remaining_samples
 from engine.guiding.policy.gate import Gate
 from engine.guiding.policy.questions.method import Ladder, MethodTrial
 from engine.guiding.policy.remaining_samples import RemainingSamples
@@ -25,7 +26,8 @@ class Counting(Predictor):
     """Counts how often it is begun; ready when it is told to."""
 
     is_asynchronous = True
-    has_begun = is_ready = False
+    has_begun = is_ready = is_learning = False
+    step_count = 0
 
     def __init__(self, report: GuidingReport) -> None:
         super().__init__(RenderSettings(), report, [])
@@ -73,18 +75,97 @@ def test_a_short_render_trains_none() -> None:
     assert predictor.begun_count == 0 and report.network_stopped_at == 0
 
 
-@pytest.mark.parametrize("promise", [0.5, 1.0, 0.99 * RULES.network_kept, None])
-def test_what_promises_too_little_is_trained_for_a_tenth_of_what_is_left(promise: float | None) -> None:
+@pytest.mark.parametrize("promise", [0.5, 1.0, 0.99 * RULES.network_kept])
+@pytest.mark.parametrize("first_snapshot", [116, 308])
+def test_what_promises_too_little_is_tried_for_a_tenth_of_what_was_left(promise: float, first_snapshot: int) -> None:
+    """From its first snapshot on, whatever the process that trains it took to come to that."""
     gate, predictor, report = gate_of()
     gate.begin(100, 1)
-    predictor.is_ready = promise is not None
     for sample in range(116, SAMPLES, 16):
-        gate.judge(sample, promise)
+        predictor.is_ready = sample >= first_snapshot
+        gate.judge(sample, promise if gate.wants_figure else None)
         assert not gate.is_open
-    assert 190 <= report.network_stopped_at < 190 + 16 and predictor.dropped_count == 1
+        if report.network_stopped_at:
+            break
+    over = first_snapshot + RULES.network_trial_share * (SAMPLES - first_snapshot)
+    assert over <= report.network_stopped_at < over + 16 and predictor.dropped_count == 1
     # It does not begin anew.
-    gate.begin(300, 1)
+    gate.begin(400, 1)
     assert predictor.begun_count == 1 and not gate.wants_figure
+
+
+def test_what_has_no_snapshot_yet_is_not_given_up() -> None:
+    """Samples of a small picture by many threads are over before the process that trains is ready."""
+    gate, predictor, report = gate_of()
+    gate.begin(15, 1)
+    for sample in range(31, 900, 16):
+        gate.judge(sample, None)
+    assert not report.network_stopped_at and predictor.dropped_count == 0
+    predictor.is_ready = True
+    for sample in (911, 927, 943):
+        gate.judge(sample, 1.5)
+    assert gate.is_open
+
+
+class Clock:
+    """Stands for the module `time` of what counts seconds."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def perf_counter(self) -> float:
+        return self.seconds
+
+
+def test_a_trial_counts_seconds_and_steps_where_the_clock_may_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    monkeypatch.setattr(remaining_samples, "time", clock)
+    report = GuidingReport()
+    predictor = Counting(report)
+    # 16 samples take a quarter of a second: 4000 of them take a minute.
+    remaining = RemainingSamples(RenderSettings(samples=4000), 1, uses_clock=True)
+    gate = Gate(predictor, report, remaining, judges_on=True)
+
+    def go(samples: range, promise: float = 1.0) -> None:
+        for sample in samples:
+            clock.seconds = sample / 64.0
+            gate.judge(sample, promise)
+
+    clock.seconds = 0.25
+    gate.begin(16, 1)
+    assert predictor.begun_count == 1
+    # It is ready after five seconds; what is left then, 57.5 s, would give it 5.75 s, but it has hardly learned.
+    go(range(32, 320, 16))
+    predictor.is_ready = predictor.is_learning = True
+    predictor.step_count = 20
+    go(range(320, 320 + 8 * 64, 16))
+    assert not report.network_stopped_at
+    predictor.step_count = 20 + RULES.network_trial_steps
+    go(range(320 + 8 * 64, 320 + 8 * 64 + 16, 16))
+    assert report.network_stopped_at == 320 + 8 * 64
+
+
+@pytest.mark.parametrize("promise", [1.0, None])
+def test_a_trial_is_over_after_a_quarter_of_what_was_left_however_little_was_learned(promise: float | None) -> None:
+    """Or looked at: iterations may leave no records."""
+    gate, predictor, report = gate_of()
+    gate.begin(15, 1)
+    predictor.is_ready = predictor.is_learning = True
+    for sample in range(31, SAMPLES, 16):
+        gate.judge(sample, promise)
+        if report.network_stopped_at:
+            break
+    over = 31 + RULES.network_longest_share * (SAMPLES - 31)
+    assert over <= report.network_stopped_at < over + 16
+
+
+def test_what_has_learned_all_there_is_need_not_be_trained_by_more_steps() -> None:
+    gate, predictor, report = gate_of()
+    gate.begin(15, 1)
+    predictor.is_ready = True
+    for sample in range(31, 31 + 8 * 16, 16):
+        gate.judge(sample, 1.0)
+    assert 31 + 0.1 * (SAMPLES - 31) <= report.network_stopped_at <= 31 + 7 * 16
 
 
 @pytest.mark.parametrize("judges_on", [True, False])
@@ -102,7 +183,7 @@ def test_what_is_kept_is_judged_on_where_nobody_else_does(judges_on: bool) -> No
     # Nothing is given up while it is on trial.
     gate.judge(95, 0.5)
     assert gate.is_open
-    for sample in (111, 127):
+    for sample in (111, 127, 143):
         gate.judge(sample, 0.9)
     assert gate.is_open != judges_on and (report.network_stopped_at > 0) == judges_on
     assert math.isfinite(report.network_promise)

@@ -18,6 +18,7 @@ from engine.array_types import Float32Array
 from engine.guiding.neural.networks.mixture.shape import MixtureShape
 from engine.guiding.neural.networks.radiance import NetworkShape, Snapshot, TrainableShape, TrainingSettings
 from engine.guiding.neural.trainer import standby
+from engine.guiding.neural.trainer.channel import Channel
 from engine.guiding.neural.trainer.handle import NetworkTrainer
 from engine.guiding.neural.trainer.status import TrainerState
 from engine.guiding.records.light import Records
@@ -67,10 +68,10 @@ def test_one_stands_by_and_one_gets_it() -> None:
     standby.stand_by()
     standby.stand_by()
     assert standby.take("another python") is None
-    worker = standby.take(sys.executable)
-    assert worker is not None and worker.process.poll() is None
+    taken = standby.take(sys.executable)
+    assert taken is not None and taken.worker.process.poll() is None
     assert standby.take(sys.executable) is None
-    end(worker)
+    end(taken.worker)
 
 
 def test_one_that_has_died_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -88,9 +89,9 @@ def test_one_that_has_died_is_left_alone(monkeypatch: pytest.MonkeyPatch, tmp_pa
     started[0].process.wait()
     assert standby.take(sys.executable) is None
     standby.stand_by()
-    worker = standby.take(sys.executable)
-    assert worker is not None
-    end(worker)
+    taken = standby.take(sys.executable)
+    assert taken is not None
+    end(taken.worker)
 
 
 SETTINGS = TrainingSettings(batch_size=256)
@@ -125,6 +126,19 @@ def test_workers_started_kept_and_standing_by_train_the_same_network() -> None:
     for snapshot in (kept, stood_by):
         assert np.array_equal(snapshot.parameters, started.parameters)
         assert snapshot.version == started.version
+
+
+def test_a_real_one_that_still_starts_trains_the_next_network() -> None:
+    require_torch()
+    with NetworkTrainer(SHAPE, BOUNDS, deterministic=True, settings=SETTINGS) as trainer:
+        assert trainer.process is not None and trainer.status.state is TrainerState.STARTING
+        first = trainer.process.pid
+        assert trainer.submit(some_records(4000), 4000) == 4000
+    kept, second = trained()
+    assert first == second
+    standby.dismiss()
+    started, third = trained()
+    assert third != first and np.array_equal(kept.parameters, started.parameters)
 
 
 # What speaks the protocol without torch: a worker that is kept, and says of itself which training it is in.
@@ -195,6 +209,59 @@ def test_of_two_trainings_at_once_one_worker_is_kept(start: Callable[[], Network
     assert [process is not None and process.poll() is not None for process in processes] == [True, False]
 
 
+#: The same, which is not through with starting before there is a file beside it.
+SLOW_STAND_IN = STAND_IN.replace(
+    "count = 0\n", "import os, time\nwhile not os.path.exists(__file__ + '.go'): time.sleep(0.01)\ncount = 0\n"
+)
+
+
+def test_one_that_still_starts_is_kept_too(start: Callable[[], NetworkTrainer], tmp_path: Path) -> None:
+    """A short render, cancelled or over before its worker was ready, must not have the next one begin anew."""
+    script = tmp_path / "worker.py"
+    script.write_text(SLOW_STAND_IN)
+    found = set()
+    for _ in range(3):
+        with start() as trainer:
+            assert trainer.process is not None and trainer.status.state is TrainerState.STARTING
+            found.add(trainer.process.pid)
+    # Three trainings were left before they began: their memory is there until the worker has come to it.
+    threads = [thread for thread in threading.enumerate() if thread.name == "training"]
+    assert len(threads) == 3
+    with start() as trainer:
+        (tmp_path / "worker.py.go").touch()
+        found.add(process_of(trainer))
+        # What the worker says of the others is not this one's.
+        assert trainer.status.step == 4
+    assert len(found) == 1
+    wait_until(lambda: not any(thread.is_alive() for thread in threads))
+
+
+def test_memory_of_a_training_that_never_began_stays_until_its_worker_has_left_it(
+    start: Callable[[], NetworkTrainer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its descriptor would be another file's by then, and the worker would write into that."""
+    (tmp_path / "worker.py").write_text(SLOW_STAND_IN)
+    closed: list[Channel] = []
+    monkeypatch.setattr(Channel, "close", lambda channel: closed.append(channel))
+    with start():
+        pass
+    assert not closed
+    (tmp_path / "worker.py.go").touch()
+    wait_until(lambda: len(closed) == 1)
+    closed[0].memory.close()
+
+
+@posix
+def test_one_that_still_starts_goes_when_it_is_dismissed(start: Callable[[], NetworkTrainer], tmp_path: Path) -> None:
+    (tmp_path / "worker.py").write_text(SLOW_STAND_IN)
+    with start() as trainer:
+        process = trainer.process
+    assert process is not None and process.poll() is None
+    standby.dismiss()
+    assert process.returncode is not None
+    wait_until(lambda: not any(thread.name == "training" for thread in threading.enumerate()))
+
+
 @posix
 def test_after_one_that_was_killed_while_idle_another_is_started(start: Callable[[], NetworkTrainer]) -> None:
     with start() as trainer:
@@ -239,7 +306,7 @@ def test_it_goes_when_it_has_been_idle_for_long(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(standby, "IDLE_SECONDS", 1.0)
     # Not by standing by: it may be gone before it is taken.
-    worker = standby.launch(sys.executable, {"stands_by": True})
+    worker = standby.launch(sys.executable, {"stands_by": True, "device": "AUTO"})
     wait_until(lambda: worker.process.poll() is not None)
     assert worker.process.returncode == 0
     end(worker)
@@ -247,8 +314,9 @@ def test_it_goes_when_it_has_been_idle_for_long(monkeypatch: pytest.MonkeyPatch,
 
 def test_it_goes_when_its_input_ends() -> None:
     standby.stand_by()
-    worker = standby.take(sys.executable)
-    assert worker is not None
+    taken = standby.take(sys.executable)
+    assert taken is not None
+    worker = taken.worker
     worker.process.stdin.close()
     wait_until(lambda: worker.process.poll() is not None)
     assert worker.process.returncode == 0

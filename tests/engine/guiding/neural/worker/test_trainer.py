@@ -293,6 +293,26 @@ def test_bad_snapshots_never_arrive(trainer):
     assert next_snapshot(8).version == 8
 
 
+def test_a_trainer_says_whether_more_is_to_be_learned(trainer):
+    assert trainer("time.sleep(60)\n").is_learning
+    handle = trainer(READY, 'answer("progress", state="IDLE", step=9, loss=0.5, seconds=0.0)\nsys.stdin.read()\n')
+    wait_until(lambda: handle.status.step == 9)
+    assert not handle.is_learning
+
+
+def test_on_command_more_is_to_be_learned_as_long_as_steps_are_worth_it(trainer):
+    stops_at_9 = """
+    for line in sys.stdin:
+        message = json.loads(line)
+        answer("progress", state="IDLE", step=min(message["until"], 9), loss=0.5, seconds=0.0)
+        answer("trained", step=9)
+    """
+    handle = trainer(READY, stops_at_9, deterministic=True)
+    for until, is_learning in ((4, True), (9, True), (12, False)):
+        handle.train_until(until)
+        assert handle.is_learning == is_learning
+
+
 def test_two_trainers_do_not_meet(trainer):
     """Their workers look again and again at which slots of their memory have rows."""
     watch = """
@@ -321,8 +341,9 @@ def alive(pid):
 
 @posix
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs /proc")
-@pytest.mark.parametrize("end", ["os.kill(os.getpid(), 9)", "pass", "raise RuntimeError"])
+@pytest.mark.parametrize("end", ["os.kill(os.getpid(), 9)", "pass", "raise RuntimeError", "trainer.close()"])
 def test_worker_goes_with_its_renderer(tmp_path, end):
+    """One that has been left while it starts too."""
     script = tmp_path / "renderer.py"
     script.write_text(
         textwrap.dedent(f"""
