@@ -98,7 +98,8 @@ class GuidedRecording(Recording):
         budget.is_frugal = self._guiding.is_doubtful
         threshold = budget.threshold(iteration.next_range[1] * agenda.guided_share, agenda.pixel_share)
         if self._cache is not None and not self._cache.is_over:
-            threshold = threshold_beside_cache(threshold, iteration.next_sample, self._context.rules)
+            rules = self._context.rules
+            threshold = threshold_beside_cache(threshold, iteration.next_sample, rules.cache_recorded_share, rules)
         return Guidance(settings, threshold)
 
 
@@ -172,7 +173,8 @@ class CacheRecording(Recording):
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
         self.is_over = self._standing.is_over
         threshold = 0 if self.is_over else self.budget.threshold(iteration.next_range[1])
-        threshold = threshold_beside_cache(threshold, iteration.next_sample, self._context.rules)
+        rules = self._context.rules
+        threshold = threshold_beside_cache(threshold, iteration.next_sample, rules.cache_measured_share, rules)
         return Guidance(self._context.settings, threshold)
 
 
@@ -207,7 +209,7 @@ class BehindCache(Recording):
         return guidance
 
 
-def threshold_beside_cache(threshold: int, next_sample: int, rules: Rules = RULES) -> int:
+def threshold_beside_cache(threshold: int, next_sample: int, most: float, rules: Rules = RULES) -> int:
     """Paths that record where others end in the radiance cache: they go on, and cost what the cache would save.
 
     Parameters
@@ -216,11 +218,13 @@ def threshold_beside_cache(threshold: int, next_sample: int, rules: Rules = RULE
         Paths whose hash is below would be recorded: 2**32 is all.
     next_sample : int
         Samples a pixel so far. The first cells are taught by all.
+    most : float
+        Of the paths, that may record later.
     rules : Rules
     """
     if next_sample < rules.cache_early_samples:
         return threshold
-    return min(threshold, int(rules.cache_recorded_share * 2**32))
+    return min(threshold, int(most * 2**32))
 
 
 def learns_after(samples: int, *, lights_pay: bool, rules: Rules = RULES) -> bool:

@@ -167,7 +167,7 @@ class Rules:
 
     #: Least share of the paths that go on where they could end, and measure what the cache lacks.
     cache_measured_share: float = 0.125
-    #: Most of the paths that record, and so go on and measure too, once cells say something.
+    #: Most of the paths that record for a guide, and so go on and measure too, once cells say something.
     cache_recorded_share: float = 0.25
     #: The share is judged again at so many times the samples.
     cache_again: float = 1.5

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -90,7 +89,10 @@ def test_short_iterations_say_what_learning_costs_in_long_ones(
 
 def test_few_paths_record_where_others_end_in_cells() -> None:
     everything, early = 1 << 32, RULES.cache_early_samples
-    rules = replace(RULES, cache_recorded_share=0.25)
-    assert threshold_beside_cache(everything, early - 1, rules) == everything
-    assert threshold_beside_cache(everything, early, rules) == 1 << 30
-    assert threshold_beside_cache(1 << 20, early, rules) == 1 << 20
+    assert threshold_beside_cache(everything, early - 1, 0.25) == everything
+    assert threshold_beside_cache(everything, early, 0.25) == 1 << 30
+    assert threshold_beside_cache(1 << 20, early, 0.25) == 1 << 20
+
+
+def test_fewer_paths_record_where_only_cells_learn() -> None:
+    assert RULES.cache_measured_share < RULES.cache_recorded_share
