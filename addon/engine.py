@@ -192,7 +192,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._fields = FieldPlan(depsgraph, settings)
         if settings.trains_network and not scene.neuralguide.sequence_field:
             # It gets ready while the scene is exported, and stays for the renders after this one.
-            training_process.stand_by()
+            training_process.stand_by(settings.training_device)
         if self._export_cache is None:
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]

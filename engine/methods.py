@@ -130,6 +130,13 @@ SEQUENCE_TRAINING = "..neural.sources.sequence_field"
 #: (`engine.guiding.models.training_process`), relative to `engine.guiding.models`.
 TRAINING_PROCESS = "..neural.trainer.standby"
 
+#: What may train networks (`engine.guiding.neural.worker.devices`): name, label, and what it is in a sentence.
+TRAINING_DEVICES = (
+    ("AUTO", "Automatic", "Whichever takes less for a few steps, the processor or a GPU, as measured"),
+    ("CPU", "Processor", "The processor, beside the threads that trace"),
+    ("CUDA", "GPU", "A GPU of NVIDIA, by a torch that has CUDA; small networks are slower there"),
+)
+
 #: What AUTO compares, coarsest first. A finer one is tried once those before it have been, where resampling promises
 #: to pay, and as soon as its predictor is ready.
 RUNGS: tuple[str, ...] = (

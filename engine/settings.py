@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, TypeVar
 
 from engine.accuracy import ACCURACIES, MEASURED
-from engine.methods import METHODS, SOURCES, TRAINED_PREDICTORS, Method, rungs_of
+from engine.methods import METHODS, SOURCES, TRAINED_PREDICTORS, TRAINING_DEVICES, Method, rungs_of
 
 #: Sections of settings for experiments.
 EXPERIMENT_SECTIONS = ("Learning", "Candidates", "Neural Mixtures", "Time and Wavelengths", "Paths")
@@ -195,8 +195,7 @@ class RenderSettings:
     radiance_cache: str = _declare(
         "OFF", "Accuracy",
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
-        "Guiding", scene_default="AUTO",
-        choices=tuple(Choice(*facts) for facts in ACCURACIES),
+        "Guiding", scene_default="AUTO", choices=tuple(Choice(*facts) for facts in ACCURACIES),
     )
     spectral: str = _declare(
         "AUTO", "Spectral", "Whether light has wavelengths, or red, green and blue", "Sampling",
@@ -213,8 +212,7 @@ class RenderSettings:
     )
     denoising_input_passes: str = _declare(
         "RGB_ALBEDO_NORMAL", "Passes", "What the denoiser tells detail from noise by, besides the picture",
-        "Denoising",
-        choices=(
+        "Denoising", choices=(
             Choice("RGB", "None", "The picture alone"),
             Choice("RGB_ALBEDO", "Albedo", "The colours of surfaces"),
             Choice("RGB_ALBEDO_NORMAL", "Albedo and Normal", "The colours of surfaces, and where they face"),
@@ -248,8 +246,11 @@ class RenderSettings:
     )
     training_share: float = _declare(
         0.25, "Training Share", "Share of the processors' time that training a network may take",
-        "Trial and Training",
-        minimum=0.01, maximum=1,
+        "Trial and Training", minimum=0.01, maximum=1,
+    )
+    training_device: str = _declare(
+        "AUTO", "Training Device", "What trains networks; a deterministic render always takes the processor",
+        "Trial and Training", choices=tuple(Choice(*facts) for facts in TRAINING_DEVICES),
     )
     deterministic: bool = _declare(
         False, "Deterministic",
@@ -385,7 +386,7 @@ class RenderSettings:
         "COMPACT", "Network", "Size of the radiance network, which weighs directions", "Candidates",
         choices=(
             Choice("COMPACT", "Compact", "What a processor can train while it renders"),
-            Choice("PAPER", "Large", "The sizes of the paper, which want a GPU for training"),
+            Choice("PAPER", "Large", "The sizes of the paper, which take three times as long to train"),
         ),
     )
     network_backend: str = _declare(
@@ -433,8 +434,7 @@ class RenderSettings:
         choices=(
             Choice("NONE", "None", "The place alone"),
             Choice(
-                "AUTO",
-                "Automatic",
+                "AUTO", "Automatic",
                 "The time where something but the camera moves, else the wavelength where a material disperses",
             ),
             Choice("TIME", "Time", "The time, where something moves while the shutter is open"),

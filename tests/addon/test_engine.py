@@ -283,7 +283,7 @@ def test_a_worker_stands_by_for_renders_that_train_a_network(
     from engine.guiding.neural.trainer import standby
 
     calls: list[str] = []
-    monkeypatch.setattr(standby, "stand_by", lambda: calls.append("stand by"))
+    monkeypatch.setattr(standby, "stand_by", lambda device: calls.append("stand by"))
     fake.during_render = lambda _fake: calls.append("render")
     ours = cube_scene.neuralguide
     ours.guiding_method, ours.experiment.source_field = method, source

@@ -135,8 +135,8 @@ def test_a_user_sees_few_settings_and_experiments_are_apart() -> None:
     seen = {setting.name for setting in SCENE_SETTINGS.values() if not setting.is_experiment}
     assert seen - SHARED_SETTINGS.keys() == {
         "use_cycles_settings", "guiding_method", "radiance_cache", "spectral", "light_selection", "guiding_trial",
-        "training_share", "deterministic", "sequence_field", "sequence_samples", "keep_learned", "field_path",
-        "save_field", "threads", "texture_memory", "denoise_over_time", "denoised_threshold",
+        "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples", "keep_learned",
+        "field_path", "save_field", "threads", "texture_memory", "denoise_over_time", "denoised_threshold",
     }  # fmt: skip
     assert {setting.section for setting in SCENE_SETTINGS.values() if setting.is_experiment} == {*EXPERIMENT_SECTIONS}
 
@@ -152,6 +152,7 @@ SAVED_CHOICES = {
     "ris_target": "COLOR SCALAR",
     "network_size": "COMPACT PAPER",
     "network_backend": "KERNEL ONNXRUNTIME AUTO",
+    "training_device": "AUTO CPU CUDA",
     "radiance_cache": "OFF FAST CONVERGING AUTO",
     "light_selection": "AUTO TREE LEARNED",
     "mixture_preset": "PAPER OFFICIAL COMPACT SMALL",

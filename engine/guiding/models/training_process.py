@@ -13,9 +13,11 @@ from engine.methods import TRAINING_PROCESS
 _NAME = resolve_name(TRAINING_PROCESS, __package__)
 
 
-def stand_by() -> None:
-    """Have a process get ready for the next training; returns at once and never raises."""
-    import_module(_NAME).stand_by()
+def stand_by(device: str) -> None:
+    """Have a process get ready for the next training, on what `training_device` asks for; returns at once and never
+    raises.
+    """
+    import_module(_NAME).stand_by(device)
 
 
 def dismiss() -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -92,6 +93,7 @@ class NetworkPredictor(Predictor):
         self._trainer = NetworkTrainer(
             self._shape, seed=settings.seed, training_share=settings.training_share,
             deterministic=settings.deterministic, first=self._snapshot,
+            settings=replace(self._shape.training_settings, device=settings.training_device),
         )
         self._trainer.start()
         self._asked = time.perf_counter(), 0.0
@@ -147,7 +149,7 @@ class NetworkPredictor(Predictor):
         assert self._trainer is not None
         status = self._trainer.status
         self._report.training_seconds = status.seconds
-        self._report.worker = f"{status.state.value} {status.message}".strip()
+        self._report.worker = status.words
         if self._model is not None:
             self._report.network_backend = self._backend.words
         self._notices.extend(self._backend.take_notices())

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,7 +63,8 @@ class NetworkSource(SourceModel):
         self._state = ""
         self._trainer: NetworkTrainer | None = NetworkTrainer(
             design.shape, seed=settings.seed, training_share=settings.training_share,
-            deterministic=settings.deterministic, settings=design.training,
+            deterministic=settings.deterministic,
+            settings=replace(design.training, device=settings.training_device),
         )
         self._trainer.start()
 
@@ -107,8 +108,7 @@ class NetworkSource(SourceModel):
     def _note(self, trainer: NetworkTrainer) -> None:
         status = trainer.status
         self.seconds = status.seconds
-        worker = f"{status.state.value} {status.message}".strip()
-        self._state = f"{status.step} steps, loss {status.loss:.3g}, worker {worker}"
+        self._state = f"{status.step} steps, loss {status.loss:.3g}, worker {status.words}"
 
     def describe(self) -> str:
         return f"{self._name}: {self._snapshot_count} snapshots, {self._state}"

@@ -271,6 +271,7 @@ class TrainingSettings:
     epochs : times that a record is looked at on average before training waits for the next ones
     snapshot_seconds : between two snapshots while training
     first_snapshot_seconds : from the first records to the first snapshot, unless training is done before
+    device : what trains, as the render setting `training_device` has it
     """
 
     batch_size: int = 4096
@@ -282,6 +283,7 @@ class TrainingSettings:
     epochs: float = 4.0
     snapshot_seconds: float = 1.0
     first_snapshot_seconds: float = 0.3
+    device: str = "AUTO"
 
 
 #: Where u is seen there is more to learn from as many records, and light that comes and goes.

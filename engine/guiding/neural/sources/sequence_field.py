@@ -90,7 +90,10 @@ class MixtureSequenceTraining:
         how = design.training
         assert isinstance(how, MixtureSettings)
         # Records of all frames must fit side by side.
-        how = replace(how, submission_rows=max(min(how.submission_rows, how.buffer_rows // frame_count), 1))
+        how = replace(
+            how, submission_rows=max(min(how.submission_rows, how.buffer_rows // frame_count), 1),
+            device=settings.training_device,
+        )
         self._trainer = NetworkTrainer(
             self._shape, seed=seed, deterministic=settings.deterministic, on_command=True, thread_count=thread_count,
             settings=how,

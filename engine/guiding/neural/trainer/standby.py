@@ -91,8 +91,14 @@ _lock = threading.Lock()
 _standing: Standing | None = None
 
 
-def stand_by() -> None:
-    """Have a worker stand by, if the system allows it; returns at once and never raises."""
+def stand_by(device: str = "AUTO") -> None:
+    """Have a worker stand by, if the system allows it; returns at once and never raises.
+
+    Parameters
+    ----------
+    device : str
+        What it gets ready on, as `TrainingSettings` has it.
+    """
     global _standing
     with _lock:
         if not CAN_STAND_BY:
@@ -106,7 +112,7 @@ def stand_by() -> None:
             _standing = None
         # Without one, training starts its own, and says why where that fails too.
         with contextlib.suppress(OSError):
-            _standing = Standing(launch(sys.executable, {"stands_by": True}), None, time.monotonic())
+            _standing = Standing(launch(sys.executable, {"stands_by": True, "device": device}), None, time.monotonic())
 
 
 def take(interpreter: str) -> Standing | None:

@@ -30,7 +30,7 @@ class TrainerStatus:
     """How training stands.
 
     state, message : and why, if it is dead
-    device : 'cpu' or 'cuda', empty before it is known
+    device : 'cpu' or 'cuda', and why it was not another; empty before it is known
     step, loss : of the network in training
     seconds : of processor time that the worker has used
     submitted_rows, rejected_rows : records that went to the worker, and those not fit to
@@ -48,6 +48,12 @@ class TrainerStatus:
     rejected_rows: int = 0
     dropped_submissions: int = 0
     refused_snapshots: int = 0
+
+    @property
+    def words(self) -> str:
+        """What the worker is doing, on what and why, for reports."""
+        place = f"on {self.device}" if self.device else ""
+        return " ".join(word for word in (self.state.value, self.message, place) if word)
 
 
 class WorkerNews:

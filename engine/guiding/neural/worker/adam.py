@@ -26,11 +26,15 @@ class Group(NamedTuple):
     learning_rate : float
     weight_decay : float
         Times the parameter, added to its gradient.
+    skips : bool
+        Whether rows of a tensor whose gradient is zero are left alone, moments included, as by `step_table`: most of a
+        table belongs to no record of a batch.
     """
 
     tensors: Sequence[torch.Tensor]
     learning_rate: float
     weight_decay: float = 0.0
+    skips: bool = False
 
 
 class _State:
@@ -76,6 +80,9 @@ class Adam:
 
     def _step(self, group: Group, tensor: torch.Tensor, gradient: torch.Tensor, state: _State) -> None:
         state.step_count += 1
+        if group.skips:
+            self._step_rows(group, tensor, gradient, state)
+            return
         if group.weight_decay:
             gradient = gradient.add(tensor, alpha=group.weight_decay)
         state.moment.lerp_(gradient, 1.0 - BETAS[0])
@@ -84,3 +91,14 @@ class Adam:
         correction = (1.0 - BETAS[1] ** state.step_count) ** 0.5
         denominator = (state.variance.sqrt() / correction).add_(self._epsilon)
         tensor.addcdiv_(state.moment, denominator, value=-rate)
+
+    def _step_rows(self, group: Group, tensor: torch.Tensor, gradient: torch.Tensor, state: _State) -> None:
+        """The step of `step_table`, of the rows that have a gradient."""
+        has_gradient = gradient.abs().sum(dim=1, keepdim=True) > 0.0
+        moment = state.moment.lerp(gradient, 1.0 - BETAS[0])
+        variance = (state.variance * BETAS[1]).addcmul_(gradient, gradient, value=1.0 - BETAS[1])
+        rate = group.learning_rate * (1.0 - BETAS[1] ** state.step_count) ** 0.5 / (1.0 - BETAS[0] ** state.step_count)
+        step = moment / variance.sqrt().add_(self._epsilon) * rate
+        state.moment.copy_(torch.where(has_gradient, moment, state.moment))
+        state.variance.copy_(torch.where(has_gradient, variance, state.variance))
+        tensor.sub_(torch.where(has_gradient, step, 0.0))

@@ -30,18 +30,24 @@ from engine.guiding.neural.networks.flow.shape import (
     initial_flow_parameters,
 )
 from engine.guiding.neural.worker.adam import Adam, Group
+from engine.guiding.neural.worker.devices import PROCESSOR, Device, Rows
+from engine.guiding.neural.worker.torch_encoding import contract_torch, one_blob
 from engine.guiding.neural.worker.training import Training, split_tensor
-from engine.guiding.records.training_rows import ROW_PDF, ROW_RADIANCE, ROW_REFLECTANCE, ROW_WI, is_fit
+from engine.guiding.records.training_rows import (
+    ROW_NORMAL,
+    ROW_PDF,
+    ROW_POSITION,
+    ROW_RADIANCE,
+    ROW_REFLECTANCE,
+    ROW_ROUGHNESS,
+    ROW_WI,
+    ROW_WO,
+    is_fit,
+)
+from engine.kernels.constants import ONE_MINUS_EPSILON
 
 #: Densities and targets outside are not kept: their products stay within float64, their logarithms within reason.
 _LEAST, _MOST = 1e-30, 1e30
-
-
-def one_blob(coordinate: torch.Tensor, bin_count: int) -> torch.Tensor:
-    """`blob` of encoding.py for coordinates in [0, 1], all bins: (N, bin_count); differentiable."""
-    position = coordinate[:, None] * (bin_count - 2)
-    distance = (position - torch.arange(bin_count, device=coordinate.device) + 0.5).abs()
-    return torch.where(distance < 0.5, 0.75 - distance.square(), 0.5 * (1.5 - distance).clamp(min=0.0).square())
 
 
 def move(outputs: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -72,18 +78,27 @@ def move(outputs: torch.Tensor, x: torch.Tensor) -> tuple[torch.Tensor, torch.Te
     return y.clamp(0.0, 1.0), torch.log(height + rise * t)
 
 
+def direction_to_square_torch(wi: torch.Tensor) -> torch.Tensor:
+    """`direction_to_square` of unit directions (N, 3): (N, 2)."""
+    x, y, z = wi.unbind(1)
+    below = 0.5 * (x * x + y * y) / (1.0 + z.abs())
+    a = torch.where(z >= 0.0, below, 1.0 - below)
+    b = torch.atan2(y, x) * (0.5 / math.pi)
+    return torch.stack((a, torch.where(b < 0.0, b + 1.0, b)), dim=1).clamp(0.0, float(ONE_MINUS_EPSILON))
+
+
 class FlowTraining(Training):
-    """The flow in training, on the CPU; parameters as in `Training`."""
+    """The flow in training; parameters as in `Training`."""
 
     shape: FlowShape
     settings: FlowSettings
 
     def __init__(
         self, shape: FlowShape, settings: FlowSettings, seed: int, bounds: Float32Array | None = None,
-        thread_count: int = 1,
+        thread_count: int = 1, device: Device = PROCESSOR,
     ) -> None:
-        super().__init__(shape, settings, seed, bounds, thread_count)
-        self._parameters = torch.from_numpy(initial_flow_parameters(shape, seed))
+        super().__init__(shape, settings, seed, bounds, thread_count, device)
+        self._parameters = torch.from_numpy(initial_flow_parameters(shape, seed)).to(device.place)
         self._arrays = {name: array.requires_grad_() for name, array in split_tensor(shape, self._parameters).items()}
         self._optimizer = Adam([Group(list(self._arrays.values()), settings.learning_rate, settings.weight_decay)])
 
@@ -110,6 +125,8 @@ class FlowTraining(Training):
         self._field: FlowField = view_flow_field(
             self.shape, bounds, np.zeros(self.shape.parameter_count, np.float32), is_ready=False
         )
+
+        self._place = self._tensor(self._field.center), self._tensor(self._field.inverse_extent)
 
     def _target(self, rows: Float32Array) -> np.ndarray:
         """What the flow's density is to be proportional to: float64 (N,)."""
@@ -141,23 +158,36 @@ class FlowTraining(Training):
             log_density = log_density + log_factor
         return log_density
 
-    def _encode(self, rows: Float32Array) -> tuple[torch.Tensor, torch.Tensor]:
+    def _encode(self, rows: Rows) -> tuple[torch.Tensor, torch.Tensor]:
         """Features of the vertices, and the directions' points of the square."""
+        if isinstance(rows, torch.Tensor):
+            return self._encode_torch(rows)
         condition = np.empty((rows.shape[0], self.shape.condition_width), np.float32)
         square = np.empty((rows.shape[0], 2), np.float32)
         encode_flow_rows(self._field, rows, condition, square)
         return torch.from_numpy(condition), torch.from_numpy(square)
 
+    def _encode_torch(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """`_encode` on the device."""
+        place = contract_torch(rows[:, ROW_POSITION : ROW_POSITION + 3], *self._place)
+        wo, normal = rows[:, ROW_WO : ROW_WO + 3], rows[:, ROW_NORMAL : ROW_NORMAL + 3]
+        coordinates = torch.cat((place, 0.5 + 0.5 * wo, 0.5 + 0.5 * normal, rows[:, [ROW_ROUGHNESS]]), dim=1)
+        columns = zip(coordinates.clamp(0.0, 1.0).unbind(1), self.shape.condition_bins, strict=True)
+        condition = torch.cat([one_blob(column, bin_count) for column, bin_count in columns], dim=1)
+        return condition, direction_to_square_torch(rows[:, ROW_WI : ROW_WI + 3])
+
     def density(self, rows: Float32Array) -> Float32Array:
         """Density at the directions and vertices of rows, float32 (N,) [sr^-1]: what `eval_flow` must give too."""
         with torch.no_grad():
-            log_density = self._log_density(*self._encode(rows)).numpy()
+            log_density = self._log_density(*self._encode(self._there(rows))).cpu().numpy()
         return np.exp(log_density) * np.float32(0.25 / np.pi)
 
     # Training
 
-    def _weigh(self, rows: Float32Array) -> tuple[torch.Tensor, torch.Tensor]:
+    def _weigh(self, rows: Rows) -> tuple[torch.Tensor, torch.Tensor]:
         """Target / pdf in units of `scale`, capped, and the logarithm of pdf * 4 pi: (N,) each."""
+        if isinstance(rows, torch.Tensor):
+            return self._weigh_torch(rows)
         pdf = rows[:, ROW_PDF].astype(np.float64)
         weights = np.minimum(self._target(rows) / (pdf * self.scale), self.settings.weight_limit)
         # A weight that float32 calls zero has no logarithm.
@@ -167,6 +197,14 @@ class FlowTraining(Training):
             torch.from_numpy(weights.astype(np.float32)),
             torch.from_numpy(logs.astype(np.float32)),
         )
+
+    def _weigh_torch(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """`_weigh` on the device."""
+        pdf, target = rows[:, ROW_PDF].double(), rows[:, ROW_RADIANCE].double()
+        if self.settings.target == "PRODUCT":
+            target = target * rows[:, ROW_REFLECTANCE]
+        weights = (target / (pdf * self.scale)).clamp(max=self.settings.weight_limit).clamp(min=_LEAST)
+        return weights.float(), torch.log(pdf * (4.0 * math.pi)).float()
 
     def _divergence(self, log_density: torch.Tensor, weights: torch.Tensor, log_pdf: torch.Tensor) -> torch.Tensor:
         """Divergence from the target to the flow, but for a constant: a mean over records.
@@ -178,7 +216,7 @@ class FlowTraining(Training):
             return -(weights * log_density).mean()
         return torch.logsumexp(2.0 * torch.log(weights) + log_pdf - log_density, dim=0) - math.log(len(weights))
 
-    def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
+    def _loss(self, rows: Rows) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
         return self._divergence(self._log_density(*self._encode(rows)), *self._weigh(rows)), ()
 
     def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
@@ -186,10 +224,10 @@ class FlowTraining(Training):
         norm = torch.nn.utils.clip_grad_norm_(list(self._arrays.values()), self.settings.gradient_limit)
         return math.isfinite(norm.item())
 
-    def _answer(self, rows: Float32Array) -> torch.Tensor:
+    def _answer(self, rows: Rows) -> torch.Tensor:
         return self._log_density(*self._encode(rows))
 
-    def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
+    def _judge(self, rows: Rows, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
         """Divergence, and its fall: in nats by the mean record for Kullback-Leibler, relative for chi-square."""
         weights, log_pdf = self._weigh(rows)
         weights = weights / weights.mean()
@@ -197,4 +235,4 @@ class FlowTraining(Training):
         return error, self._divergence(previous, weights, log_pdf).item() - error
 
     def _snapshot_parameters(self) -> Float32Array:
-        return self._parameters.detach().numpy()
+        return self._parameters.detach().cpu().numpy()

@@ -3,7 +3,8 @@
 
 Each row weighs what its target is over the density it was drawn with; the mixture's log density is averaged by these
 weights, which minimises the Kullback-Leibler divergence from target to mixture, whatever the target's scale. Features,
-the gradient of the grids and their optimiser are the engine's kernels, torch does the perceptron and the lobes.
+the gradient of the grids and their optimiser are the engine's kernels, torch does the perceptron and the lobes. On a
+device torch does all.
 
 What keeps noise from throwing the network off: rows that are not finite never come in; a row weighs at most a share of
 its batch; densities have a floor; a gradient that is not finite counts as none, and the whole is cut to a length.
@@ -18,7 +19,7 @@ Dong et al. 2024, "Efficient Neural Path Guiding with 4D Modeling", Eq. 12.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -32,12 +33,20 @@ from engine.guiding.neural.networks.mixture.features import (
     encode_features,
     make_mixture_encoding,
 )
-from engine.guiding.neural.networks.mixture.shape import MixtureSettings, MixtureShape, initial_parameters
+from engine.guiding.neural.networks.mixture.shape import (
+    TABLES,
+    MixtureSettings,
+    MixtureShape,
+    initial_parameters,
+)
 from engine.guiding.neural.worker.adam import TABLE_EPSILON, Adam, Group
+from engine.guiding.neural.worker.devices import PROCESSOR, Device, Rows
 from engine.guiding.neural.worker.lobes import decode, log_pdf
 from engine.guiding.neural.worker.row_weights import row_weights, targets
 from engine.guiding.neural.worker.tables import LearnedTable
-from engine.guiding.neural.worker.training import Training
+from engine.guiding.neural.worker.torch_features import TorchFeatures
+from engine.guiding.neural.worker.torch_weights import row_weights_torch
+from engine.guiding.neural.worker.training import Training, split_tensor
 from engine.guiding.records.training_rows import (
     ROW_BSDF_PDF,
     ROW_NORMAL,
@@ -56,8 +65,19 @@ _U_MARGIN = 1.0
 _NO_DENSITY = 1e-20
 
 
+def _layers(arrays: Mapping[str, torch.Tensor]) -> list[torch.Tensor]:
+    """`MixtureShape.matrices` of tensors."""
+    hidden = arrays["hidden_weights"]
+    return [arrays["input_weights"], *(hidden[index] for index in range(len(hidden))), arrays["output_weights"]]
+
+
+def _finite(gradient: torch.Tensor) -> torch.Tensor:
+    """A gradient whose numbers that are not finite count as none."""
+    return gradient.nan_to_num(nan=0.0, posinf=0.0, neginf=0.0)
+
+
 class MixtureTraining(Training):
-    """A mixture network in training, on the CPU; parameters as in `Training`."""
+    """A mixture network in training; parameters as in `Training`."""
 
     shape: MixtureShape
     settings: MixtureSettings
@@ -66,36 +86,45 @@ class MixtureTraining(Training):
 
     def __init__(
         self, shape: MixtureShape, settings: MixtureSettings, seed: int, bounds: Float32Array | None = None,
-        thread_count: int = 1,
+        thread_count: int = 1, device: Device = PROCESSOR,
     ) -> None:
-        super().__init__(shape, settings, seed, bounds, thread_count)
+        super().__init__(shape, settings, seed, bounds, thread_count, device)
         # Mixtures have no unit.
         self.scale = 1.0
         #: Sums of the weights of the rows up to each one, by age; None: to be found again.
         self._cumulative: np.ndarray | None = None
 
         # Two vectors of the same layout: the parameters, and their running average, which snapshots carry.
-        self._parameters = initial_parameters(shape, seed)
-        self._average = self._parameters.copy()
-        self._arrays, averages = shape.split(self._parameters), shape.split(self._average)
-        self._matrices = [torch.from_numpy(matrix).requires_grad_() for matrix in shape.matrices(self._parameters)]
-        self._average_matrices = shape.matrices(self._average)
-        self._optimizer = Adam(
-            [Group(self._matrices, settings.learning_rate, settings.weight_decay)], TABLE_EPSILON
-        )
+        self._parameters = torch.from_numpy(initial_parameters(shape, seed)).to(device.place)
+        self._average = self._parameters.clone()
+        arrays, averages = split_tensor(shape, self._parameters), split_tensor(shape, self._average)
+        self._matrices = [matrix.requires_grad_() for matrix in _layers(arrays)]
+        self._average_matrices = _layers(averages)
+        self._learned = {name: arrays[name] for name in TABLES if name in arrays}
+        groups = [Group(self._matrices, settings.learning_rate, settings.weight_decay)]
+        if device.is_apart:
+            learned = [table.requires_grad_() for table in self._learned.values()]
+            groups.append(Group(learned, settings.table_learning_rate, skips=True))
+        else:
+            self._tables = self._processor_tables(averages)
+        self._optimizer = Adam(groups, TABLE_EPSILON)
+
+    def _processor_tables(self, averages: Mapping[str, torch.Tensor]) -> list[LearnedTable]:
+        """What the engine's kernels step."""
+        shape, settings = self.shape, self.settings
         tables = {
             "table": (backpropagate_grids, shape.level_count, 0),
             "planes": (backpropagate_planes, shape.plane_levels, shape.position_width),
             "hashes": (backpropagate_hashes, shape.hash_levels, shape.position_width + shape.plane_width),
         }
-        self._tables = [
+        return [
             LearnedTable(
-                self._arrays[name], backpropagate, level_count=level_count,
-                learning_rate=settings.table_learning_rate, first_column=first_column, average=averages[name],
+                self._learned[name].numpy(), backpropagate, level_count=level_count,
+                learning_rate=settings.table_learning_rate, first_column=first_column, average=averages[name].numpy(),
                 averaging=settings.averaging,
             )
             for name, (backpropagate, level_count, first_column) in tables.items()
-            if name in self._arrays
+            if name in self._learned
         ]
 
     # Rows
@@ -125,12 +154,18 @@ class MixtureTraining(Training):
 
     def _prepare(self, rows: Float32Array, bounds: Float32Array) -> None:
         self._cumulative = None
-        self._encoding = make_mixture_encoding(self.shape, bounds, self._arrays)
+        if self._device.is_apart:
+            self._features = TorchFeatures(self.shape, bounds, self._learned, self._device.place)
+        else:
+            tables = {name: table.numpy() for name, table in self._learned.items()}
+            self._encoding = make_mixture_encoding(self.shape, bounds, tables)
 
     # Network
 
-    def _encode(self, rows: Float32Array) -> torch.Tensor:
+    def _encode(self, rows: Rows) -> torch.Tensor:
         """Features (N, feature_width)."""
+        if isinstance(rows, torch.Tensor):
+            return self._features(rows)
         position, normal, wo = (
             np.ascontiguousarray(rows[:, column : column + 3]) for column in (ROW_POSITION, ROW_NORMAL, ROW_WO)
         )
@@ -154,12 +189,12 @@ class MixtureTraining(Training):
     def predict(self, rows: Float32Array) -> Float32Array:
         """Raw outputs at the points of rows, float32 (N, output_width): what `inference` gives for these parameters."""
         with torch.no_grad():
-            return self._perceptron(self._encode(rows)).numpy()
+            return self._perceptron(self._encode(self._there(rows))).cpu().numpy()
 
-    def _log_densities(self, raw: torch.Tensor, rows: Float32Array) -> tuple[torch.Tensor, torch.Tensor]:
+    def _log_densities(self, raw: torch.Tensor, rows: Rows) -> tuple[torch.Tensor, torch.Tensor]:
         """Log density of the mixture at each row's direction (N,), and what the loss takes the mean of (N,)."""
         shape, settings = self.shape, self.settings
-        wi = torch.from_numpy(np.ascontiguousarray(rows[:, ROW_WI : ROW_WI + 3]))
+        wi = self._tensor(rows[:, ROW_WI : ROW_WI + 3])
         lobe_columns = shape.output_width - int(shape.has_selection)
         log_mixture = log_pdf(decode(shape.lobe_model.lower(), raw[:, :lobe_columns]), wi)
         floor = torch.full_like(log_mixture, math.log(settings.epsilon)) if settings.epsilon > 0.0 else None
@@ -167,7 +202,7 @@ class MixtureTraining(Training):
         if not shape.has_selection:
             return log_mixture, learned
         # Eq. 18: mixture and BSDF together, at the learned share.
-        bsdf = torch.from_numpy(np.ascontiguousarray(rows[:, ROW_BSDF_PDF])).clamp(min=_NO_DENSITY).log()
+        bsdf = self._tensor(rows[:, ROW_BSDF_PDF]).clamp(min=_NO_DENSITY).log()
         logit = raw[:, shape.selection_column]
         log_share = torch.nn.functional.logsigmoid
         both = torch.logaddexp(log_share(logit) + learned, log_share(-logit) + bsdf)
@@ -175,7 +210,7 @@ class MixtureTraining(Training):
 
     # Training
 
-    def draw(self) -> Float32Array:
+    def draw(self) -> Rows:
         """A random batch of rows: by weight, if the settings ask for that."""
         if not self.settings.is_drawn_by_weight:
             return super().draw()
@@ -186,46 +221,62 @@ class MixtureTraining(Training):
         # One from each of as many equal parts of all weight: no batch is without its share of the rare and bright.
         places = (np.arange(batch_size) + self._random.uniform(size=batch_size)) * (self._cumulative[-1] / batch_size)
         picks = np.minimum(np.searchsorted(self._cumulative, places, side="right"), count - 1)
-        return self.window.take(picks)
+        return self._take(self.window, picks)
 
-    def batch_weights(self, rows: Float32Array) -> Float32Array:
+    def batch_weights(self, rows: Rows) -> torch.Tensor:
         """What each row of a batch weighs: (batch,). Rows drawn by weight weigh the same."""
         if self._cumulative is None:
-            return row_weights(self.shape, self.settings, rows)
-        return np.full(rows.shape[0], self._cumulative[-1] > 0.0, np.float32)
+            return self._weigh(rows)
+        return torch.full((len(rows),), float(self._cumulative[-1] > 0.0), device=self._device.place)
 
-    def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
-        features = self._encode(rows).requires_grad_(bool(self._tables))
+    def _weigh(self, rows: Rows) -> torch.Tensor:
+        """`row_weights`, on the device: (N,)."""
+        if isinstance(rows, torch.Tensor):
+            return row_weights_torch(self.shape, self.settings, rows)
+        return torch.from_numpy(row_weights(self.shape, self.settings, rows))
+
+    def _loss(self, rows: Rows) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
+        features = self._encode(rows)
+        if features.requires_grad:
+            # Of a device's tables; those of the processor get theirs from the features (`_bound_gradients`).
+            features.register_hook(_finite)
+        else:
+            features.requires_grad_(bool(self._tables))
         _, learned = self._log_densities(self._perceptron(features), rows)
-        loss = -(torch.from_numpy(self.batch_weights(rows)) * learned).mean()
+        loss = -(self.batch_weights(rows) * learned).mean()
         return loss, [features] * len(self._tables)
 
     def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
         """Numbers that are not finite count as none, and the perceptron's gradient is cut to a length."""
         for tensor in (*self._matrices, *features[:1]):
             if tensor.grad is not None:
-                tensor.grad.nan_to_num_(nan=0.0, posinf=0.0, neginf=0.0)
+                tensor.grad = _finite(tensor.grad)
         torch.nn.utils.clip_grad_norm_(self._matrices, self.settings.gradient_limit)
         return True
 
     def step(self) -> None:
         """One step of training on a random batch, and of the average."""
         super().step()
+        share = 1.0 - self.settings.averaging
         with torch.no_grad():
+            if self._device.is_apart:
+                self._average.lerp_(self._parameters, share)
+                return
+            # Tables have theirs when they are stepped.
             for average, matrix in zip(self._average_matrices, self._matrices, strict=True):
-                average += np.float32(1.0 - self.settings.averaging) * (matrix.numpy() - average)
+                average += share * (matrix - average)
 
-    def _answer(self, rows: Float32Array) -> torch.Tensor:
+    def _answer(self, rows: Rows) -> torch.Tensor:
         """Log density of the mixture, and what the loss takes the mean of: (2, N)."""
         return torch.stack(self._log_densities(self._perceptron(self._encode(rows)), rows))
 
-    def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
+    def _judge(self, rows: Rows, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
         """Cross entropy of target and mixture, in nats, which may be negative; and by how much rows became likelier."""
-        weights = torch.from_numpy(row_weights(self.shape, self.settings, rows))
+        weights = self._weigh(rows)
         return -(weights * answer[0]).mean().item(), (weights * (answer[1] - previous[1])).mean().item()
 
     def _snapshot_parameters(self) -> Float32Array:
         """The average of the network's last states."""
         for table in self._tables:
             table.catch_up(self.step_count)
-        return self._average
+        return self._average.cpu().numpy()

@@ -19,6 +19,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, BinaryIO, TextIO
 
+from engine.guiding.neural.worker.faults import DeviceError
 from engine.guiding.neural.worker.kinds import warm_up
 from engine.guiding.neural.worker.service import Service
 from engine.processes.parent import leave_with_parent
@@ -34,6 +35,8 @@ def _saying_why(answers: TextIO) -> Iterator[None]:
         return
     except ModuleNotFoundError as error:
         reason = f"the package {error.name} is not installed for {sys.executable}"
+    except DeviceError as error:
+        reason = str(error)
     except MemoryError:
         reason = "out of memory"
     except Exception as error:
@@ -69,7 +72,7 @@ def serve(config: dict[str, Any], stream: BinaryIO, answers: TextIO) -> None:
         jobs.put(first)
         threading.Thread(target=_listen, args=(stream, answers, jobs, first), daemon=True).start()
         if first is None:
-            warm_up()
+            warm_up(config["device"])
         with contextlib.suppress(queue.Empty):
             while True:
                 service = jobs.get(timeout=config["idle_seconds"])

@@ -2,7 +2,7 @@
 """Training the radiance network: divergence of the mean radiance from what it predicts, Adam.
 
 On the CPU the encodings of grid and planes, their gradients and optimiser are the engine's kernels and torch does the
-perceptron; on a GPU torch does everything. Both act on one parameter vector with the layout of `NetworkShape`.
+perceptron; on a device torch does everything. Both act on one parameter vector with the layout of `NetworkShape`.
 
 References
 ----------
@@ -36,10 +36,11 @@ from engine.guiding.neural.networks.radiance import (
     initial_parameters,
 )
 from engine.guiding.neural.worker.adam import TABLE_EPSILON, Adam, Group
+from engine.guiding.neural.worker.devices import PROCESSOR, Device, Rows
 from engine.guiding.neural.worker.overfitting import BestParameters
 from engine.guiding.neural.worker.row_weights import limit_shares
 from engine.guiding.neural.worker.tables import LearnedTable
-from engine.guiding.neural.worker.torch_encoding import encode_positions_torch, encode_u_torch
+from engine.guiding.neural.worker.torch_encoding import blobs, encode_positions_torch, encode_u_torch
 from engine.guiding.neural.worker.training import Training, split_tensor
 
 #: Share of a batch that is drawn evenly; the others are drawn as often as they have light.
@@ -75,8 +76,8 @@ class RadianceTraining(Training):
 
     Parameters
     ----------
-    device : str
-        'cpu' or a device of torch.
+    device : Device
+        As of `Training`.
     """
 
     shape: NetworkShape
@@ -84,17 +85,16 @@ class RadianceTraining(Training):
 
     def __init__(
         self, shape: NetworkShape, settings: TrainingSettings, seed: int, bounds: Float32Array | None = None,
-        thread_count: int = 1, device: str = "cpu",
+        thread_count: int = 1, device: Device = PROCESSOR,
     ) -> None:
-        super().__init__(shape, settings, seed, bounds, thread_count)
-        self._device = torch.device(device)
-        self._parameters = torch.from_numpy(initial_parameters(shape, seed)).to(self._device)
+        super().__init__(shape, settings, seed, bounds, thread_count, device)
+        self._parameters = torch.from_numpy(initial_parameters(shape, seed)).to(device.place)
         arrays = split_tensor(shape, self._parameters)
         tables = {name: arrays.pop(name) for name in ("table", "planes") if name in arrays}
         self._grid, self._planes = tables["table"], tables.get("planes")
         self._arrays = {name: array.requires_grad_() for name, array in arrays.items()}
         groups = [Group(list(self._arrays.values()), settings.learning_rate, settings.weight_decay)]
-        if self._device.type == "cpu":
+        if not device.is_apart:
             levels = {"table": shape.level_count, "planes": shape.plane_levels}
             backpropagate = {"table": backpropagate_positions, "planes": backpropagate_u}
             self._tables = [
@@ -105,7 +105,8 @@ class RadianceTraining(Training):
                 for name, table in tables.items()
             ]
         else:
-            groups.append(Group([t.requires_grad_() for t in tables.values()], settings.table_learning_rate))
+            learned = [table.requires_grad_() for table in tables.values()]
+            groups.append(Group(learned, settings.table_learning_rate, skips=True))
         self._optimizer = Adam(groups, TABLE_EPSILON)
         self._best = BestParameters()
         #: Whether rows held out had become worse, and none have come since.
@@ -126,12 +127,8 @@ class RadianceTraining(Training):
             self.scale = float(_believed(self._brightness(rows)).mean())
         # On the CPU these are views of the parameters in training.
         self._encoding = make_encoding(self.shape, bounds, self._parameters.detach().cpu().numpy())
-        if self._device.type != "cpu":
-            encoding = self._encoding
-            self._tensors = tuple(
-                torch.from_numpy(array).to(self._device)
-                for array in (encoding.level, encoding.plane_level, encoding.center, encoding.inverse_extent)
-            )
+        if self._device.is_apart:
+            self._place = self._tensor(self._encoding.center), self._tensor(self._encoding.inverse_extent)
 
     def _radiance(self, rows: Float32Array) -> Float32Array:
         """Radiance of rows: float32 (N, channels), a view."""
@@ -141,8 +138,10 @@ class RadianceTraining(Training):
         """Mean of a row's radiance over the channels that are known: float64 (N,)."""
         return np.nanmean(self._radiance(rows), axis=1, dtype=np.float64)
 
-    def _encode(self, rows: Float32Array) -> _Features:
+    def _encode(self, rows: Rows) -> _Features:
         """Features of rows."""
+        if isinstance(rows, torch.Tensor):
+            return self._encode_torch(rows)
         positions = np.ascontiguousarray(rows[:, :3])
         directions = np.ascontiguousarray(rows[:, 3:6])
         encoded_directions = np.empty((rows.shape[0], self.shape.direction_width), np.float32)
@@ -150,8 +149,6 @@ class RadianceTraining(Training):
         self._over_rows(
             lambda start, stop: encode_directions(directions, bins, start, stop, encoded_directions), rows.shape[0]
         )
-        if self._device.type != "cpu":
-            return self._encode_torch(rows, torch.from_numpy(encoded_directions).to(self._device))
         encoded_positions = np.empty((rows.shape[0], self.shape.position_width), np.float32)
         self._over_rows(
             lambda start, stop: encode_positions(self._encoding, positions, start, stop, encoded_positions),
@@ -166,19 +163,17 @@ class RadianceTraining(Training):
             encoded_u = torch.from_numpy(features)
         return _Features(torch.from_numpy(encoded_positions), torch.from_numpy(encoded_directions), encoded_u)
 
-    def _encode_torch(self, rows: Float32Array, directions: torch.Tensor) -> _Features:
-        """`_encode` on the device, which has the directions already."""
-        level, plane_level, center, inverse_extent = self._tensors
-        on_device = torch.from_numpy(rows).to(self._device)
-        positions = on_device[:, :3]
+    def _encode_torch(self, rows: torch.Tensor) -> _Features:
+        """`_encode` on the device, differentiable in the tables."""
+        shape, positions = self.shape, rows[:, :3]
         encoded_u = None
-        if self.shape.u_width:
+        if shape.u_width:
             planes = self._planes if self._planes is not None else self._grid[:0]
-            encoded_u = encode_u_torch(
-                plane_level, center, inverse_extent, planes, self.shape.u_frequencies, positions, on_device[:, -1]
-            )
-        encoded = encode_positions_torch(level, center, inverse_extent, self._grid, positions)
-        return _Features(encoded, directions, encoded_u)
+            level = torch.from_numpy(self._encoding.plane_level)
+            encoded_u = encode_u_torch(level, *self._place, planes, shape.u_frequencies, positions, rows[:, -1])
+        level = torch.from_numpy(self._encoding.level)
+        encoded = encode_positions_torch(level, *self._place, self._grid, positions)
+        return _Features(encoded, blobs(0.5 + 0.5 * rows[:, 3:6], shape.direction_bins), encoded_u)
 
     def _perceptron(self, features: _Features) -> torch.Tensor:
         """Radiance in units of `scale` from features: (N, channels)."""
@@ -197,7 +192,7 @@ class RadianceTraining(Training):
     def predict(self, rows: Float32Array) -> Float32Array:
         """Radiance at the positions and directions of rows, float32 (N, channels): what `inference` must give too."""
         with torch.no_grad():
-            return (self._perceptron(self._encode(rows)) * self.scale).cpu().numpy()
+            return (self._perceptron(self._encode(self._there(rows))) * self.scale).cpu().numpy()
 
     # Rows
 
@@ -223,7 +218,7 @@ class RadianceTraining(Training):
         bright = _BRIGHT_LOOKS * self._bright_rows * seen / (1.0 - _EVEN_SHARE)
         return min(super().looks_worth, bright)
 
-    def draw(self) -> Float32Array:
+    def draw(self) -> Rows:
         """A batch of rows: half of it evenly, half as often as rows have light. Sets what each of them counts."""
         if self._share is None:
             self._weigh()
@@ -233,8 +228,11 @@ class RadianceTraining(Training):
         places = (np.arange(batch_size) + self._random.uniform(size=batch_size)) * (self._cumulative[-1] / batch_size)
         picks = np.minimum(np.searchsorted(self._cumulative, places, side="right"), count - 1)
         self._counts = (1.0 / (count * self._share[picks])).astype(np.float32)
-        rows = self.window.take(picks)
-        self._radiance(rows)[:] *= self._kept[picks, None]
+        rows, kept = self._take(self.window, picks), self._kept[picks, None]
+        if isinstance(rows, torch.Tensor):
+            rows[:, 6 : 6 + self.shape.channel_count] *= self._tensor(kept.astype(np.float32))
+        else:
+            self._radiance(rows)[:] *= kept
         return rows
 
     def _believable(self, rows: Float32Array) -> Float32Array:
@@ -245,15 +243,19 @@ class RadianceTraining(Training):
         self._radiance(rows)[:] *= kept[:, None]
         return rows
 
+    def _held_out(self) -> Rows:
+        return self._there(self._believable(self.validation.take(np.arange(self.validation.count))))
+
     # Loss
 
-    def _divergences(self, prediction: torch.Tensor, rows: Float32Array) -> torch.Tensor:
+    def _divergences(self, prediction: torch.Tensor, rows: Rows) -> torch.Tensor:
         """Generalised Kullback-Leibler divergence of each row's radiance and prediction, but for a constant: (N,).
 
         It is the mean over the channels that are known. Where it is least on average the prediction is the mean of the
         radiance, however rare light is: its gradient by the exponential's argument is the difference of the two.
         """
-        targets = torch.from_numpy(self._radiance(rows) * np.float32(1.0 / self.scale)).to(self._device)
+        radiance = self._tensor(rows[:, 6 : 6 + self.shape.channel_count])
+        targets = radiance * float(np.float32(1.0 / self.scale))
         if not self.shape.by_quarter:
             return (prediction - targets * prediction.log()).mean(1)
         is_known = ~torch.isnan(targets)
@@ -261,15 +263,15 @@ class RadianceTraining(Training):
         divergences = torch.where(is_known, prediction - torch.nan_to_num(targets) * prediction.log(), 0.0)
         return divergences.sum(1) / is_known.sum(1)
 
-    def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
+    def _loss(self, rows: Rows) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
         features = self._encode(rows)
-        # There is no table of planes where u is seen by frequencies alone, and none at all on a GPU.
+        # There is no table of planes where u is seen by frequencies alone, and none at all on a device.
         learned = [
             tensor.requires_grad_()
             for tensor, _ in zip((features.position, features.u), self._tables, strict=False)
             if tensor is not None
         ]
-        counts = torch.from_numpy(self._counts).to(self._device)
+        counts = self._tensor(self._counts)
         return (counts * self._divergences(self._perceptron(features), rows)).mean(), learned
 
     def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
@@ -277,12 +279,11 @@ class RadianceTraining(Training):
         norm = torch.nn.utils.clip_grad_norm_(list(self._arrays.values()), _GRADIENT_LIMIT)
         return bool(torch.isfinite(norm))
 
-    def _answer(self, rows: Float32Array) -> torch.Tensor:
+    def _answer(self, rows: Rows) -> torch.Tensor:
         return self._perceptron(self._encode(rows))
 
-    def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
+    def _judge(self, rows: Rows, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
         """Divergence of held-out rows from the answer, and how far it fell."""
-        rows = self._believable(rows)
         error = self._divergences(answer, rows).mean().item()
         return error, self._divergences(previous, rows).mean().item() - error
 
@@ -301,7 +302,7 @@ class RadianceTraining(Training):
         """Keep the parameters, or go back to better ones and rest."""
         if not self.validation.count:
             return
-        rows = self._believable(self.validation.take(np.arange(self.validation.count)))
+        rows = self._held_out()
         with torch.no_grad():
             losses = self._divergences(self._answer(rows), rows)
         self._is_worn = self._best.see(losses, self._parameters)

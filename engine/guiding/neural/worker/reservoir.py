@@ -26,12 +26,15 @@ class RowReservoir:
     def __init__(self, capacity: int, row_width: int, random: np.random.Generator) -> None:
         self.rows = np.zeros((capacity, row_width), np.float32)
         self.count = 0
+        #: Grows whenever rows change.
+        self.version = 0
         self._random = random
         #: Rows that those held stand for.
         self._seen = 0
 
     def add(self, rows: Float32Array) -> None:
         """Take rows, or as large a share of them as is held of the rows before them."""
+        self.version += 1
         capacity = self.rows.shape[0]
         self._seen += rows.shape[0]
         if self._seen <= capacity:
@@ -48,6 +51,7 @@ class RowReservoir:
 
     def keep(self, is_kept: np.ndarray) -> None:
         """Keep these rows only, bool (count,), as if they were all that came."""
+        self.version += 1
         rows = self.rows[: self.count][is_kept]
         self.count = self._seen = rows.shape[0]
         self.rows[: self.count] = rows

@@ -24,9 +24,9 @@ from engine.guiding.records.training_rows import (
 )
 
 #: Rows of a batch that must be able to bear all of its weight.
-_LEAST_BEARERS = 8
+LEAST_BEARERS = 8
 #: Share of the weight that a row has at most where few rows have nearly all of it.
-_MOST_SHARE = 1.0 / 128.0
+MOST_SHARE = 1.0 / 128.0
 
 
 def targets(shape: MixtureShape, rows: Float32Array) -> np.ndarray:
@@ -86,7 +86,7 @@ def limit_shares(weights: np.ndarray, share: float) -> np.ndarray:
     -------
     float64 (N,)
     """
-    share = min(1.0, max(share, _LEAST_BEARERS / max(weights.size, 1)))
+    share = min(1.0, max(share, LEAST_BEARERS / max(weights.size, 1)))
     descending = np.sort(weights)[::-1]
     # With the k heaviest at the limit c: c = share * (k c + the rest).
     rest = np.concatenate((np.cumsum(descending[::-1])[::-1], (0.0,)))
@@ -106,7 +106,7 @@ def limit_outliers(weights: np.ndarray, share: float, kept: float) -> np.ndarray
     """`limit_shares`, but less strict where it would cut away more than 1 - `kept` of all weight.
 
     A few rows may be noise. Where most of the light is in few rows it is a caustic, seldom found because it is not
-    guided to yet: to cut those is to learn never to look there. Still, none weighs more than a share of _MOST_SHARE.
+    guided to yet: to cut those is to learn never to look there. Still, none weighs more than a share of MOST_SHARE.
 
     Parameters
     ----------
@@ -126,4 +126,4 @@ def limit_outliers(weights: np.ndarray, share: float, kept: float) -> np.ndarray
     rest = total - np.cumsum(descending)
     limits = (kept * total - rest) / np.arange(1, weights.size + 1)
     fits = limits >= np.append(descending[1:], 0.0)
-    return limit_shares(np.minimum(weights, limits[np.argmax(fits)]), max(share, _MOST_SHARE))
+    return limit_shares(np.minimum(weights, limits[np.argmax(fits)]), max(share, MOST_SHARE))

@@ -19,7 +19,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from engine.guiding.neural.trainer.channel import FIRST_SLOT, SLOT_COUNT, Channel
-from engine.guiding.neural.worker.kinds import KINDS, make_training, rehearse
+from engine.guiding.neural.worker.kinds import KINDS, choose_device, make_training, rehearse
 from engine.guiding.neural.worker.patience import Patience
 
 #: Steps between two looks at the held-out records.
@@ -80,16 +80,20 @@ class Service:
         config = self.config
         thread_count = 1 if config["deterministic"] else max(1, config["thread_count"])
         bounds = None if config["bounds"] is None else np.array(config["bounds"], np.float32)
-        arguments = (self.shape, self.settings, config["seed"], bounds, thread_count, config["deterministic"])
-        rehearse(*arguments)
+        chosen = choose_device(
+            self.shape, self.settings, thread_count, is_deterministic=config["deterministic"]
+        )
+        rehearse(self.shape, self.settings, thread_count, chosen.device)
         if self.is_over.is_set():
             # The render ended while this process started.
             return
-        self.training, device = make_training(*arguments)
+        self.training = make_training(
+            self.shape, self.settings, config["seed"], bounds, thread_count, chosen.device
+        )
         first = self.channel.read_snapshot(FIRST_SLOT) if config["goes_on"] else None
         if first is not None:
             self.training.go_on_from(first)
-        self.answer("ready", device=device, threads=thread_count)
+        self.answer("ready", device=chosen.words, threads=thread_count)
         if config["on_command"]:
             self.train_on_command()
         else:

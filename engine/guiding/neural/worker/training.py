@@ -11,11 +11,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import torch
 
-from engine.array_types import Float32Array
+from engine.array_types import Float32Array, Int64Array
 from engine.guiding.neural.networks.encoding import Encoding
 from engine.guiding.neural.networks.mixture.features import MixtureEncoding
 from engine.guiding.neural.networks.radiance import Snapshot, TrainableShape, TrainingSettings, robust_bounds
 from engine.guiding.neural.worker.adam import Adam
+from engine.guiding.neural.worker.devices import PROCESSOR, Device, DeviceRows, Rows
 from engine.guiding.neural.worker.reservoir import RowReservoir
 from engine.guiding.neural.worker.tables import LearnedTable
 from engine.guiding.records.training_rows import ROW_POSITION
@@ -45,6 +46,9 @@ class Training(ABC):
         What positions are resolved in; None: found from the first rows.
     thread_count : int
         Threads to use on the CPU. The result is the same bits for one only.
+    device : Device
+        What trains: the processor with the engine's kernels, or a device on which torch does all, on rows, tables and
+        an optimiser that lie there.
 
     Attributes
     ----------
@@ -59,7 +63,7 @@ class Training(ABC):
 
     def __init__(
         self, shape: TrainableShape, settings: TrainingSettings, seed: int, bounds: Float32Array | None,
-        thread_count: int,
+        thread_count: int, device: Device = PROCESSOR,
     ) -> None:
         torch.set_num_threads(thread_count)
         self.shape = shape
@@ -76,6 +80,10 @@ class Training(ABC):
         self._thread_count = thread_count
         self.window = RowReservoir(settings.buffer_rows, shape.row_width, self._random)
         self.validation = RowReservoir(_VALIDATION_ROWS, shape.row_width, self._random)
+        self._device = device
+        self._rows_apart = {
+            id(reservoir): DeviceRows(reservoir, device.place) for reservoir in (self.window, self.validation)
+        }
         self._reference: torch.Tensor | None = None
         self._tables: list[LearnedTable] = []
 
@@ -98,12 +106,30 @@ class Training(ABC):
         """Looks at rows that training is worth so far: more would learn their noise."""
         return self.settings.epochs * self.rows_received
 
-    def draw(self) -> Float32Array:
+    def draw(self) -> Rows:
         """A random batch of rows."""
-        return self.window.take(self._random.integers(0, self.window.count, self.settings.batch_size))
+        return self._take(self.window, self._random.integers(0, self.window.count, self.settings.batch_size))
+
+    def _take(self, reservoir: RowReservoir, picks: Int64Array) -> Rows:
+        """Rows of `window` or `validation` by number, where they are trained on."""
+        return self._rows_apart[id(reservoir)].take(picks) if self._device.is_apart else reservoir.take(picks)
+
+    def _held_out(self) -> Rows:
+        """All rows held out."""
+        return self._take(self.validation, np.arange(self.validation.count))
+
+    def _there(self, rows: Float32Array) -> Rows:
+        """Rows, where they are trained on."""
+        return self._tensor(rows) if self._device.is_apart else rows
+
+    def _tensor(self, values: Float32Array | torch.Tensor) -> torch.Tensor:
+        """Numbers of rows as a tensor on the device."""
+        if isinstance(values, torch.Tensor):
+            return values
+        return torch.from_numpy(np.ascontiguousarray(values)).to(self._device.place)
 
     @abstractmethod
-    def _loss(self, rows: Float32Array) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
+    def _loss(self, rows: Rows) -> tuple[torch.Tensor, Sequence[torch.Tensor]]:
         """Loss () of a batch; and for each of `_tables` the features it was found from, whose gradient is wanted."""
 
     def _bound_gradients(self, features: Sequence[torch.Tensor]) -> bool:
@@ -111,11 +137,11 @@ class Training(ABC):
         return True
 
     @abstractmethod
-    def _answer(self, rows: Float32Array) -> torch.Tensor:
+    def _answer(self, rows: Rows) -> torch.Tensor:
         """What the network says of held-out rows."""
 
     @abstractmethod
-    def _judge(self, rows: Float32Array, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
+    def _judge(self, rows: Rows, answer: torch.Tensor, previous: torch.Tensor) -> tuple[float, float]:
         """Loss of an answer, and how much better it is than the previous one."""
 
     @abstractmethod
@@ -183,6 +209,8 @@ class Training(ABC):
         self.step_count += 1
         if not self._tables:
             return
+        # Tables that the engine's kernels step are those of the processor.
+        assert isinstance(rows, np.ndarray)
         positions = np.ascontiguousarray(rows[:, ROW_POSITION : ROW_POSITION + 3])
         u = np.ascontiguousarray(rows[:, self._u_column])
         for table, feature in zip(self._tables, features, strict=True):
@@ -194,9 +222,9 @@ class Training(ABC):
 
         After new rows it is infinite: there is nothing to compare with.
         """
-        rows = self.validation.take(np.arange(self.validation.count))
-        if rows.shape[0] == 0 or not self.can_train:
+        if self.validation.count == 0 or not self.can_train:
             return math.inf
+        rows = self._held_out()
         with torch.no_grad():
             answer = self._answer(rows)
             previous, self._reference = self._reference, answer

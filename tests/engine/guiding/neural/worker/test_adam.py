@@ -48,7 +48,7 @@ def test_steps_are_those_of_torch(epsilon: float) -> None:
 def test_a_worker_gets_ready_without_the_compiler_of_torch() -> None:
     """Its import took a third of the time until a network could learn; sympy came with it."""
     script = (
-        "import sys; from engine.guiding.neural.worker.kinds import warm_up; warm_up();"
+        "import sys; from engine.guiding.neural.worker.kinds import warm_up; warm_up('AUTO');"
         "print(*[name for name in ('torch', 'torch._dynamo', 'sympy') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -306,7 +306,7 @@ def test_it_goes_when_it_has_been_idle_for_long(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(standby, "IDLE_SECONDS", 1.0)
     # Not by standing by: it may be gone before it is taken.
-    worker = standby.launch(sys.executable, {"stands_by": True})
+    worker = standby.launch(sys.executable, {"stands_by": True, "device": "AUTO"})
     wait_until(lambda: worker.process.poll() is not None)
     assert worker.process.returncode == 0
     end(worker)
