@@ -152,6 +152,7 @@ SAVED_CHOICES = {
     "ris_target": "COLOR SCALAR",
     "network_size": "COMPACT PAPER",
     "network_backend": "KERNEL ONNXRUNTIME AUTO",
+    "training_device": "AUTO CPU CUDA",
     "radiance_cache": "OFF FAST CONVERGING AUTO",
     "light_selection": "AUTO TREE LEARNED",
     "mixture_preset": "PAPER OFFICIAL COMPACT SMALL",

@@ -32,8 +32,8 @@ KINDS: dict[str, tuple[type, type]] = {
 #: What workers that stand by rehearse; other shapes are trained by the same kernels.
 _USUAL_SHAPES = (COMPACT_SHAPE, NPM)
 #: Shapes that this process has rehearsed, each with a device, and the devices that it has chosen.
-_rehearsed: set[tuple[Any, Device]] = set()
-_chosen: dict[tuple[Any, ...], Choice] = {}
+rehearsed_shapes: set[tuple[Any, Device]] = set()
+chosen_devices: dict[tuple[Any, ...], Choice] = {}
 
 
 #: Times that steps are timed, and how many each time.
@@ -70,18 +70,18 @@ def choose_device(shape: Any, settings: Any, thread_count: int, *, is_determinis
 
     devices = candidates(settings.device, is_deterministic=is_deterministic)
     case = shape, settings.batch_size, devices
-    if case not in _chosen:
+    if case not in chosen_devices:
 
         def seconds_of_steps(device: Device) -> float:
             return _seconds_of_steps(_rehearsal(shape, settings, thread_count, device))
 
-        _chosen[case] = fastest(devices, seconds_of_steps)
-    return _chosen[case]
+        chosen_devices[case] = fastest(devices, seconds_of_steps)
+    return chosen_devices[case]
 
 
 def rehearse(shape: Any, settings: Any, thread_count: int, device: Device) -> None:
     """Have a training that is not used for anything else load (or compile) all its kernels; once for each shape."""
-    if (shape, device) not in _rehearsed:
+    if (shape, device) not in rehearsed_shapes:
         _rehearsal(shape, settings, thread_count, device)
 
 
@@ -96,7 +96,7 @@ def _rehearsal(shape: Any, settings: Any, thread_count: int, device: Device) -> 
     training.step()
     training.improvement()
     training.snapshot()
-    _rehearsed.add((shape, device))
+    rehearsed_shapes.add((shape, device))
     return training
 
 

@@ -196,8 +196,8 @@ def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """There is a GPU: a stand-in."""
     monkeypatch.setattr(devices, "GPU", STAND_IN)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(kinds, "_chosen", {})
-    monkeypatch.setattr(kinds, "_rehearsed", set())
+    monkeypatch.setattr(kinds, "chosen_devices", {})
+    monkeypatch.setattr(kinds, "rehearsed_shapes", set())
 
 
 def test_what_is_asked_for_is_taken(gpu: None) -> None:
