@@ -13,7 +13,7 @@ import numpy as np
 from engine.denoise import library
 from engine.denoise.filter import denoise_all
 from engine.denoise.fireflies import without_fireflies
-from engine.denoise.mix import mixed
+from engine.denoise.mix import added_noise, mixed
 from engine.render.film import Film, Images
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
@@ -145,20 +145,23 @@ class Denoising:
         inputs = {name: images[pass_name] for name, pass_name in self._inputs.items()}
         samples = float(images["Sample Count"].mean()) / len(colors)
         variance = np.float32(len(colors)) * images["Variance"]
-        cut = colors
+        cut, added = list(colors), []
         if samples >= _LEAST_SAMPLES:
             cut = [without_fireflies(color, variance, inputs.get("albedo")) for color in colors]
+        if mixes and samples >= _LEAST_MIXED:
+            added = [added_noise(color[..., :3], variance) for color in cut]
         denoised = denoise_all(
-            cut,
+            [*cut, *(color[..., :3] + noise for color, noise in zip(cut, added))],
             **inputs,
             quality=self._settings.denoising_quality,
             prefilter=self._settings.denoising_prefilter,
             threads=self._threads,
             should_cancel=should_cancel,
         )
-        if denoised is None or not mixes or samples < _LEAST_MIXED:
+        if denoised is None or not added:
             return denoised
-        return [mixed(picture, color, variance) for picture, color in zip(denoised, colors, strict=True)]
+        of_each = zip(denoised[: len(cut)], colors, added, denoised[len(cut) :], strict=True)
+        return [mixed(picture, color, variance, noise, again) for picture, color, noise, again in of_each]
 
 
 def variance_is_all(film: Film) -> bool:

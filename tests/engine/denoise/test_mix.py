@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from engine.denoise import mix
-from engine.denoise.mix import mixed
+from engine.denoise.mix import added_noise
 from engine.denoise.windows import window_means
 
 #: Contrast of the texture, which the denoiser blurs: about what it errs by there.
@@ -22,6 +22,13 @@ def pictures(noise, seed=1, size=(60, 80)):
     return true, window_means(true, 2), sampled, np.full_like(true, noise * noise)
 
 
+def mixed(denoised, sampled, variance, through=0.0):
+    """By a denoiser that lets such a share of noise through."""
+    with np.errstate(invalid="ignore"):
+        added = added_noise(sampled[..., :3], variance)
+        return mix.mixed(denoised, sampled, variance, added, denoised + np.float32(through) * added)
+
+
 def error(picture, true):
     return float(np.square(picture.astype(np.float64) - true).mean())
 
@@ -32,6 +39,31 @@ def test_it_errs_less_than_both(noise, seed):
     true, denoised, sampled, variance = pictures(noise, seed)
     best = min(error(denoised, true), error(sampled, true))
     assert error(mixed(denoised, sampled, variance), true) < 0.9 * best
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("noise", "through"), [(0.03, 0.4), (0.03, 0.7), (0.015, 0.4)])
+def test_noise_that_the_denoiser_lets_through_is_known(through, noise, seed):
+    """What it leaves of noise and what it errs by hide each other in the difference to the samples."""
+    true, blurred, sampled, variance = pictures(noise, seed)
+    denoised = blurred + np.float32(through) * (sampled - blurred)
+    found = error(mixed(denoised, sampled, variance, through), true)
+    assert found < 0.995 * error(mixed(denoised, sampled, variance), true)
+    assert found < 0.98 * min(error(denoised, true), error(sampled, true))
+
+
+def test_added_noise_is_half_of_what_there_is_and_goes_nowhere_below_black():
+    _, _, sampled, variance = pictures(0.1)
+    sampled[:20] *= np.float32(0.1)
+    sampled[0, 0, 1], variance[0, 1, 2] = np.nan, np.inf
+    added = added_noise(sampled, variance)
+    assert added.dtype == np.float32 and np.array_equal(added, added_noise(sampled, variance))
+    assert not added[0, :2].any()
+    assert np.allclose(np.abs(added[1:]), 0.05)
+    assert (added == added[..., :1]).all()
+    assert 0.4 < (added[20:] > 0.0).mean() < 0.6
+    dark = (sampled < 0.05).any(axis=2) & np.isfinite(sampled).all(axis=2)
+    assert dark[1:].any() and (added[1:][dark[1:]] > 0.0).all()
 
 
 @pytest.mark.parametrize("noise", [0.3, 1.0, 10.0])

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from engine.denoise import library
-from engine.denoise.filter import denoise
+from engine.denoise.filter import denoise, denoise_all
 from engine.denoise.fireflies import without_fireflies
-from engine.denoise.mix import mixed
+from engine.denoise.mix import added_noise, mixed
 from engine.render import denoising
 from engine.render.session import Session
 from engine.scene.description import World
@@ -61,8 +61,10 @@ def test_from_128_samples_on_it_is_mixed_with_what_was_sampled(samples, is_mixed
     passes = render(corner_scene(), (*PASSES, "Variance"), samples=samples).passes
     albedo, normal, variance = (passes[name] for name in ("Denoising Albedo", "Denoising Normal", "Variance"))
     noisy = passes["Noisy Image"]
-    denoised = denoise(without_fireflies(noisy, variance, albedo), albedo, normal, threads=1)
-    mix = mixed(denoised, noisy, variance)
+    cut = without_fireflies(noisy, variance, albedo)
+    added = added_noise(cut, variance)
+    denoised, again = denoise_all((cut, cut + added), albedo, normal, threads=1)
+    mix = mixed(denoised, noisy, variance, added, again)
     assert not np.array_equal(mix, denoised)
     assert np.array_equal(passes["Combined"][..., :3], mix if is_mixed else denoised)
 
