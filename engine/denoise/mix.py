@@ -18,7 +18,7 @@ _DOUBT = 1.3
 _LEAST_TAKEN = 0.05
 #: Pixels that are mixed at once: what lies between takes more room than the pictures. And rows around that count: the
 #: mean of ratios takes one, and what is let through two more.
-_PIXELS_AT_ONCE = 1 << 18
+PIXELS_AT_ONCE = 1 << 18
 _REACH = 3
 #: The least variance that is divided by, and the largest ratio of a square to it that counts.
 _TINY, _MOST = 1e-30, 1e6
@@ -87,7 +87,7 @@ def mixed(
     """
     height, width = denoised.shape[:2]
     mix = np.empty((height, width, 3), np.float32)
-    rows = max(_PIXELS_AT_ONCE // max(width, 1), 1)
+    rows = max(PIXELS_AT_ONCE // max(width, 1), 1)
     for first in range(0, height, rows):
         last = min(first + rows, height)
         low, high = max(first - _REACH, 0), min(last + _REACH, height)

@@ -24,7 +24,7 @@ _POLL_SECONDS = 0.05
 _LEAST_SAMPLES = 8
 #: The same below which the picture is not mixed with what was sampled: noise is more than the denoiser's error nearly
 #: everywhere, and the mix hardly differs.
-_LEAST_MIXED = 128
+LEAST_MIXED = 128
 _FALLBACK = "the picture is as it was sampled"
 #: What helps the denoiser, by `RenderSettings.denoising_input_passes`: the filter's name, and the film's pass.
 _INPUTS = {
@@ -148,7 +148,7 @@ class Denoising:
         cut, added = list(colors), []
         if samples >= _LEAST_SAMPLES:
             cut = [without_fireflies(color, variance, inputs.get("albedo")) for color in colors]
-        if mixes and samples >= _LEAST_MIXED:
+        if mixes and samples >= LEAST_MIXED:
             added = [added_noise(color[..., :3], variance) for color in cut]
         denoised = denoise_all(
             [*cut, *(color[..., :3] + noise for color, noise in zip(cut, added))],

@@ -127,7 +127,7 @@ def test_pictures_that_are_mixed_in_parts_have_no_seams(size, monkeypatch):
     whole = mixed(denoised, sampled, variance)
     assert whole.shape == denoised.shape and whole.dtype == np.float32
     for rows in (1, 2, 7):
-        monkeypatch.setattr(mix, "_PIXELS_AT_ONCE", rows * size[1])
+        monkeypatch.setattr(mix, "PIXELS_AT_ONCE", rows * size[1])
         assert np.array_equal(mixed(denoised, sampled, variance), whole)
 
 

@@ -71,7 +71,7 @@ def test_from_128_samples_on_it_is_mixed_with_what_was_sampled(samples, is_mixed
 
 @needs_library
 def test_the_mix_does_not_depend_on_threads(monkeypatch):
-    monkeypatch.setattr(denoising, "_LEAST_MIXED", 8)
+    monkeypatch.setattr(denoising, "LEAST_MIXED", 8)
     first, second = (render(corner_scene(), samples=16, threads=threads).passes["Combined"] for threads in (1, 3))
     assert np.array_equal(first, second)
 
@@ -79,7 +79,7 @@ def test_the_mix_does_not_depend_on_threads(monkeypatch):
 @needs_library
 def test_shadows_that_are_caught_are_not_mixed_in(monkeypatch):
     """The variance knows nothing of their noise."""
-    monkeypatch.setattr(denoising, "_LEAST_MIXED", 8)
+    monkeypatch.setattr(denoising, "LEAST_MIXED", 8)
     asked = []
     monkeypatch.setattr(denoising, "mixed", lambda denoised, *_: asked.append(1) or denoised)
     description = floor_scene(lights=[sun()])
