@@ -20,7 +20,7 @@ import threading
 
 import numpy as np
 
-from engine.render.denoising import Denoising, failure
+from engine.render.denoising import Denoising, failure, variance_is_all
 from engine.render.film import Film
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
@@ -202,7 +202,7 @@ class DenoisedThreshold:
         for cell, factor in chosen_cells(_squared_difference(*halves), self._looks):
             denoised = self._denoising.filtered(
                 [half[cell] for half in halves], {name: image[cell] for name, image in images.items()},
-                self._is_stopped.is_set,
+                self._is_stopped.is_set, mixes=variance_is_all(film),
             )
             if denoised is None:
                 return None

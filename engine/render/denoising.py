@@ -13,6 +13,7 @@ import numpy as np
 from engine.denoise import library
 from engine.denoise.filter import denoise_all
 from engine.denoise.fireflies import without_fireflies
+from engine.denoise.mix import added_noise, mixed
 from engine.render.film import Film, Images
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
@@ -21,6 +22,9 @@ from engine.settings import RenderSettings
 _POLL_SECONDS = 0.05
 #: Mean samples of a pixel below which no fireflies are cut: variances say little yet, and much of the light is in them.
 _LEAST_SAMPLES = 8
+#: The same below which the picture is not mixed with what was sampled: noise is more than the denoiser's error nearly
+#: everywhere, and the mix hardly differs.
+LEAST_MIXED = 128
 _FALLBACK = "the picture is as it was sampled"
 #: What helps the denoiser, by `RenderSettings.denoising_input_passes`: the filter's name, and the film's pass.
 _INPUTS = {
@@ -79,7 +83,7 @@ class Denoising:
         should_cancel : callable, optional
             Called in this thread only, often.
         film : Film, optional
-            That they were made from; without it Combined is denoised as it is.
+            That they were made from; without it Combined is denoised as it is, and not mixed with what was sampled.
         exposure : float
             That they were made with.
 
@@ -110,7 +114,8 @@ class Denoising:
         color = noisy if cached is None else cached.cached_image(exposure=exposure)
         # In a thread, so that the caller's can look for a cancel: the filter takes seconds for large pictures.
         with ThreadPoolExecutor(1, thread_name_prefix="denoise") as pool:
-            future = pool.submit(self.filtered, (color,), images, is_cancelled.is_set)
+            mixes = film is not None and variance_is_all(film)
+            future = pool.submit(self.filtered, (color,), images, is_cancelled.is_set, mixes=mixes)
             while not wait((future,), _POLL_SECONDS).done:
                 if should_cancel is not None and should_cancel():
                     is_cancelled.set()
@@ -123,7 +128,7 @@ class Denoising:
         return np.concatenate((denoised, noisy[..., 3:]), axis=2)
 
     def filtered(
-        self, colors: Sequence[np.ndarray], images: Images, should_cancel: Callable[[], bool]
+        self, colors: Sequence[np.ndarray], images: Images, should_cancel: Callable[[], bool], *, mixes: bool
     ) -> list[np.ndarray] | None:
         """Denoised pictures of equal parts of a render's samples, all of them together `images`; None: cancelled.
 
@@ -134,19 +139,34 @@ class Denoising:
             `passes` of all samples.
         should_cancel : callable
             Asked in whatever thread.
+        mixes : bool
+            Whether they are mixed with `colors` where there are samples enough: `variance_is_all`.
         """
         inputs = {name: images[pass_name] for name, pass_name in self._inputs.items()}
-        if images["Sample Count"].mean() >= _LEAST_SAMPLES * len(colors):
-            variance = np.float32(len(colors)) * images["Variance"]
-            colors = [without_fireflies(color, variance, inputs.get("albedo")) for color in colors]
-        return denoise_all(
-            colors,
+        samples = float(images["Sample Count"].mean()) / len(colors)
+        variance = np.float32(len(colors)) * images["Variance"]
+        cut, added = list(colors), []
+        if samples >= _LEAST_SAMPLES:
+            cut = [without_fireflies(color, variance, inputs.get("albedo")) for color in colors]
+        if mixes and samples >= LEAST_MIXED:
+            added = [added_noise(color[..., :3], variance) for color in cut]
+        denoised = denoise_all(
+            [*cut, *(color[..., :3] + noise for color, noise in zip(cut, added))],
             **inputs,
             quality=self._settings.denoising_quality,
             prefilter=self._settings.denoising_prefilter,
             threads=self._threads,
             should_cancel=should_cancel,
         )
+        if denoised is None or not added:
+            return denoised
+        of_each = zip(denoised[: len(cut)], colors, added, denoised[len(cut) :], strict=True)
+        return [mixed(picture, color, variance, noise, again) for picture, color, noise, again in of_each]
+
+
+def variance_is_all(film: Film) -> bool:
+    """Whether the pass Variance has all noise of the film's picture: it knows nothing of shadows that are caught."""
+    return not film.layout.has_catchers
 
 
 def failure(error: Exception) -> str:

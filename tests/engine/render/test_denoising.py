@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from engine.denoise import library
-from engine.denoise.filter import denoise
+from engine.denoise.filter import denoise, denoise_all
+from engine.denoise.fireflies import without_fireflies
+from engine.denoise.mix import added_noise, mixed
 from engine.render import denoising
 from engine.render.session import Session
 from engine.scene.description import World
@@ -51,6 +53,42 @@ def test_from_eight_samples_on_fireflies_are_cut_before(samples, share, monkeypa
     albedo, normal = passes["Denoising Albedo"], passes["Denoising Normal"]
     expected = denoise(np.float32(share) * passes["Noisy Image"][..., :3], albedo, normal, threads=1)
     assert np.array_equal(passes["Combined"][..., :3], expected)
+
+
+@needs_library
+@pytest.mark.parametrize(("samples", "is_mixed"), [(127, False), (128, True)])
+def test_from_128_samples_on_it_is_mixed_with_what_was_sampled(samples, is_mixed):
+    passes = render(corner_scene(), (*PASSES, "Variance"), samples=samples).passes
+    albedo, normal, variance = (passes[name] for name in ("Denoising Albedo", "Denoising Normal", "Variance"))
+    noisy = passes["Noisy Image"]
+    cut = without_fireflies(noisy, variance, albedo)
+    added = added_noise(cut, variance)
+    denoised, again = denoise_all((cut, cut + added), albedo, normal, threads=1)
+    mix = mixed(denoised, noisy, variance, added, again)
+    assert not np.array_equal(mix, denoised)
+    assert np.array_equal(passes["Combined"][..., :3], mix if is_mixed else denoised)
+
+
+@needs_library
+def test_the_mix_does_not_depend_on_threads(monkeypatch):
+    monkeypatch.setattr(denoising, "LEAST_MIXED", 8)
+    first, second = (render(corner_scene(), samples=16, threads=threads).passes["Combined"] for threads in (1, 3))
+    assert np.array_equal(first, second)
+
+
+@needs_library
+def test_shadows_that_are_caught_are_not_mixed_in(monkeypatch):
+    """The variance knows nothing of their noise."""
+    monkeypatch.setattr(denoising, "LEAST_MIXED", 8)
+    asked = []
+    monkeypatch.setattr(denoising, "mixed", lambda denoised, *_: asked.append(1) or denoised)
+    description = floor_scene(lights=[sun()])
+    render(description, samples=16)
+    assert asked
+    asked.clear()
+    description.instances.is_shadow_catcher = np.array([True])
+    render(description, samples=16)
+    assert not asked
 
 
 @needs_library
