@@ -97,7 +97,9 @@ class GuidedRecording(Recording):
             self._needs_all = False
         budget.is_frugal = self._guiding.is_doubtful
         threshold = budget.threshold(iteration.next_range[1] * agenda.guided_share, agenda.pixel_share)
-        if self._cache is not None and not self._cache.is_over:
+        has_cache = self._cache is not None and not self._cache.is_over
+        # What outlives the render is to know as much as it can.
+        if has_cache and not self._context.request.is_for_later:
             rules = self._context.rules
             threshold = threshold_beside_cache(threshold, iteration.next_sample, rules.cache_recorded_share, rules)
         return Guidance(settings, threshold)

@@ -5,21 +5,25 @@ from __future__ import annotations
 
 import math
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from engine.guiding.policy.iteration import Iteration
+from engine.guiding.policy.iterations import RecordBudget
 from engine.guiding.policy.learnables.cache import LearnedCache
 from engine.guiding.policy.learnables.learnable import Learnable
 from engine.guiding.policy.learnables.regions import LearnedRegions
 from engine.guiding.policy.learnables.roulette import LearnedRoulette
 from engine.guiding.policy.questions.guiding import learning_overhead
 from engine.guiding.policy.questions.question import Question
-from engine.guiding.policy.recording import threshold_beside_cache
+from engine.guiding.policy.recording import GuidedRecording, threshold_beside_cache
 from engine.guiding.policy.rules import RULES
 from engine.guiding.policy.sets import make_learner
+from engine.guiding.policy.standing import Standing
 from engine.render import render_loop
+from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import render
 from tests.helpers.small_scenes import pit_scene
 
@@ -92,6 +96,23 @@ def test_few_paths_record_where_others_end_in_cells() -> None:
     assert threshold_beside_cache(everything, early - 1, 0.25) == everything
     assert threshold_beside_cache(everything, early, 0.25) == 1 << 30
     assert threshold_beside_cache(1 << 20, early, 0.25) == 1 << 20
+
+
+@pytest.mark.parametrize("outlives", [False, True])
+def test_what_outlives_a_render_learns_from_all_paths(outlives: bool) -> None:
+    """A field of a preview had half of its regions, and renders from it a quarter more error."""
+    facts: Any = SimpleNamespace(
+        settings=RenderSettings(samples=64, guiding_method="VMM"), unit_pixels=16, rules=RULES,
+        request=SimpleNamespace(is_for_later=outlives), light_clusters=None,
+    )
+    guiding: Any = SimpleNamespace(is_doubtful=False)
+    recording = GuidedRecording(facts, RecordBudget(16, 16), guiding, 1, None, Standing())
+    iteration: Any = SimpleNamespace(
+        is_early=False, next_sample=16, next_range=(16, 8), samples_left=48.0, is_next_last=False
+    )
+    agenda: Any = SimpleNamespace(guided_share=1.0, pixel_share=1.0)
+    share = recording.next(iteration, agenda).record_threshold / 2**32
+    assert share == pytest.approx(1.0 if outlives else RULES.cache_recorded_share)
 
 
 def test_fewer_paths_record_where_only_cells_learn() -> None:
