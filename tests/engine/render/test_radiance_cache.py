@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Paths that end in the radiance cache: right on average with what measuring paths find, whatever the cells say."""
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from engine.guiding.fields.cells.field import empty_cells
+from engine.guiding.policy import trial
 from engine.guiding.policy.learnables.cache import LearnedCache
 from engine.render import film
 from engine.scene.description import World
@@ -186,6 +188,8 @@ def test_a_cache_that_lies_is_given_up(monkeypatch):
 @pytest.mark.slow
 def test_a_guided_render_that_has_given_its_cache_up_tries_learned_roulette(monkeypatch):
     distort(monkeypatch, lambda sums: 3.0 * sums)
+    # Guiding pays here, or it does not, by what the clock says.
+    monkeypatch.setattr(trial, "least_efficiency", lambda *facts, **how: math.inf)
     settings = ENDLESS | {"samples": 127, "max_bounces": 12, "diffuse_bounces": 12}
     report = render("AUTO", 1, **settings, radiance_cache="CONVERGING").report.guiding
     assert report.cache_stopped_at and report.stopped_at
