@@ -89,7 +89,6 @@ def main() -> int:
     scene = build(arguments.width, arguments.height)
     scene.cycles.use_denoising = True
     scene.cycles.time_limit = arguments.seconds
-    scene.neuralguide.radiance_cache = "CONVERGING"
     bpy.ops.wm.save_as_mainfile(filepath=str(output / "demo.blend"))
     print("Rendering the demo; the first render compiles the kernels, which takes a good minute.", flush=True)
     try:
