@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report.look import LOOKS, Look
-from benchmarks.scene_files import SceneSource, expand, open_scene, restore_defaults
-from benchmarks.stability import FORCED, method_settings
+from benchmarks.scene_files import expand, open_scene, restore_defaults
+from benchmarks.stability import method_settings
 from benchmarks.tables import table
 from benchmarks.total_error import total_error
 from engine.scene.description import SceneDescription
@@ -103,10 +103,8 @@ def measure_scene(
 ) -> dict[str, MethodCost]:
     """Costs of methods on one scene; they take turns."""
     def settings(method: str, seed: int, **changes: Any) -> RenderSettings:
-        found = method_settings(method, base, forced=False, steps=steps)
-        if method != "OFF":
-            changes = {**FORCED, "candidate_allocation": "FIXED", "candidate_count": CANDIDATES, **changes}
-        return replace(found, seed=seed, radiance_cache="OFF", **changes)
+        found = method_settings(method, base, forced=True, steps=steps)
+        return replace(found, seed=seed, radiance_cache="OFF", candidate_count=CANDIDATES, **changes)
 
     first, second = (
         measure(description, settings(BASE, seed, samples=16 * base.samples))[0] for seed in REFERENCE_SEEDS
@@ -184,7 +182,6 @@ def _scenes(chosen: argparse.Namespace) -> Iterator[tuple[str, SceneDescription,
     from benchmarks.rivals import Budget, find_rival
 
     for source in expand(chosen.scenes):
-        assert isinstance(source, SceneSource)
         scene = open_scene(source, chosen.pixels)
         find_rival(BASE).configure(scene, Budget(chosen.samples), 1, chosen.threads)
         restore_defaults(scene)

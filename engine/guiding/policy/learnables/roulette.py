@@ -34,7 +34,7 @@ class LearnedRoulette(Learnable):
     until : float
         Samples a pixel from which on nothing more is learned.
     cache : Standing, optional
-        That of the radiance cache: as long as it lasts, the first samples are learned from and no path goes by them.
+        That of the radiance cache: as long as it lasts, the first samples alone are learned from.
     """
 
     serves_guiding = False
