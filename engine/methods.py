@@ -134,7 +134,7 @@ TRAINING_PROCESS = "..neural.trainer.standby"
 TRAINING_DEVICES = (
     ("AUTO", "Automatic", "Whichever takes less for a few steps, the processor or a GPU, as measured"),
     ("CPU", "Processor", "The processor, beside the threads that trace"),
-    ("CUDA", "GPU", "A GPU of NVIDIA, by a torch that has CUDA; small networks are slower there"),
+    ("CUDA", "GPU", "A GPU of NVIDIA, by a torch that has CUDA; small networks may be slower there"),
 )
 
 #: What AUTO compares, coarsest first. A finer one is tried once those before it have been, where resampling promises
