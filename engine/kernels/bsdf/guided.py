@@ -29,6 +29,10 @@ from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
 from engine.state.lanes import CLOSURE_N, CLOSURE_SAMPLE_WEIGHT, RAY_DIFFUSE, RAY_GLOSSY, RAY_REFLECT, RAY_TRANSMIT
 
+#: Share of a surface's samples that diffuse lobes have at least where the cosine stands for its BSDF: a coat of gloss,
+#: as most materials have it, takes less (docs/decisions/mixture-field.md).
+_LEAST_DIFFUSE = np.float32(0.5)
+
 
 @kernel
 def rough_share(closures, lane, min_alpha):
@@ -43,12 +47,14 @@ def rough_share(closures, lane, min_alpha):
     -------
     share : float32
     is_diffuse : bool
-        Every rough lobe is a diffuse reflection, so that the cosine is part of the product.
+        Rough lobes only reflect, and most samples of theirs are of diffuse ones, so that the cosine is most of the
+        product: a guide multiplies it in, and the BSDF's samples find what a coat of gloss adds.
     """
     rough = 0.0
+    diffuse = 0.0
     total = 0.0
     is_broad = False
-    is_diffuse = True
+    reflects = True
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
         weight = closures.param[lane, i, CLOSURE_SAMPLE_WEIGHT]
@@ -57,7 +63,7 @@ def rough_share(closures, lane, min_alpha):
             continue
         rough += weight
         if kind > LAST_DIFFUSE:
-            is_diffuse = False
+            reflects = reflects and kind < REFRACTION
             alpha_squared = closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y]
             is_broad = is_broad or alpha_squared >= min_alpha * min_alpha
             # Refraction is a delta lobe here and reflection is not: one lobe cannot be in both sets.
@@ -65,10 +71,11 @@ def rough_share(closures, lane, min_alpha):
                 return 0.0, False
         else:
             is_broad = True
-            is_diffuse = is_diffuse and kind < FIRST_TRANSLUCENT
+            reflects = reflects and kind < FIRST_TRANSLUCENT
+            diffuse += weight
     if not is_broad or not rough > 0.0:
         return 0.0, False
-    return rough / total, is_diffuse
+    return rough / total, reflects and diffuse >= _LEAST_DIFFUSE * rough
 
 
 @kernel
