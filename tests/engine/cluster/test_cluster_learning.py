@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from engine.cluster.session import ClusterSession
-from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, SUMS, Answer, trace, unpack_traced
 from engine.render.session import Session
+from engine.runtime.source_version import source_version
 from engine.scene.description import Mesh
 from engine.scene.rounds import ROUND, Rounds
 from engine.settings import RenderSettings

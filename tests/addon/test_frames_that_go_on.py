@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Frames whose process ends before they do: killed or asked to, at any moment, they go on to the same picture."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from tests.helpers.command_line import names, run_here
+from tests.helpers.waiting import wait_until
+
+ROOT = Path(__file__).resolve().parents[2]
+posix = pytest.mark.skipif(os.name != "posix", reason="signals")
+#: A few seconds of work, by one thread.
+PLAIN = ["-E", "NEURALGUIDE", "-t", "1", "--set", "guiding_method=OFF", "--set", "radiance_cache=OFF"]
+
+
+def pixels(path: Path) -> Any:
+    with OpenEXR.File(str(path)) as file:
+        return np.array(file.channels()["RGBA"].pixels)
+
+
+def scene_file(blender: Any, samples: int, *, threshold: float = 0.0) -> None:
+    """Have the open file take that many samples of a larger picture."""
+    scene = blender.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = 96, 72
+    scene.neuralguide.samples = samples
+    if threshold:
+        scene.cycles.use_adaptive_sampling, scene.cycles.adaptive_threshold = True, threshold
+    blender.ops.wm.save_mainfile()
+
+
+class Victim:
+    """A process that renders frame 1 until a signal ends it."""
+
+    def __init__(self, blend_file: Path, *options: str) -> None:
+        line = [sys.executable, "-m", "addon", str(blend_file), *PLAIN, "--checkpoint", "0.05", *options]
+        self._process = subprocess.Popen(
+            [*line, "-o", "//x_", "-f", "1"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self._checkpoint = blend_file.with_name("x_0001.exr.ngcheckpoint")
+
+    def end(self, number: int, delay: float) -> tuple[int, str]:
+        """Send a signal so long after the next checkpoint; returns the exit code and what was said."""
+        before = self._stamp()
+        wait_until(lambda: self._stamp() != before or self._process.poll() is not None)
+        time.sleep(delay)
+        self._process.send_signal(number)
+        said, _ = self._process.communicate(timeout=300)
+        return self._process.returncode, said
+
+    def _stamp(self) -> int:
+        return self._checkpoint.stat().st_mtime_ns if self._checkpoint.exists() else 0
+
+
+def kill_often(blend_file: Path, times: int, seed: int) -> None:
+    """Kill a frame at random moments, going on with it each time."""
+    moments = random.Random(seed)
+    for index in range(times):
+        Victim(blend_file, "--resume").end(signal.SIGKILL, 0.3 * moments.random())
+        kept = blend_file.with_name("x_0001.exr.ngcheckpoint")
+        assert index or kept.exists(), "it is to be killed before its end"
+
+
+@posix
+@pytest.mark.parametrize(
+    ("times", "threshold"),
+    [(1, 0.001), *(pytest.param(10, threshold, marks=pytest.mark.slow) for threshold in (0.0, 0.001))],
+)
+def test_killed_frames_go_on_to_the_same_bits(
+    blend_file: Path, blender: Any, tmp_path: Path, monkeypatch: Any, times: int, threshold: float
+) -> None:
+    scene_file(blender, 3000, threshold=threshold)
+    assert run_here(monkeypatch, str(blend_file), *PLAIN, "-o", "//whole_", "-f", "1") == 0
+    kill_often(blend_file, times, seed=times)
+    assert run_here(monkeypatch, str(blend_file), *PLAIN, "--resume", "-o", "//x_", "-f", "1") == 0
+    assert names(tmp_path) == ["whole_0001.exr", "x_0001.exr"]
+    assert np.array_equal(pixels(tmp_path / "x_0001.exr"), pixels(tmp_path / "whole_0001.exr"))
+
+
+@posix
+def test_a_frame_that_is_asked_to_end_says_how_it_goes_on(
+    blend_file: Path, blender: Any, tmp_path: Path, monkeypatch: Any, capfd: Any
+) -> None:
+    scene_file(blender, 3000)
+    code, said = Victim(blend_file).end(signal.SIGTERM, 0.0)
+    kept = tmp_path / "x_0001.exr.ngcheckpoint"
+    assert code == 143 and f"frame 1 is kept as far as it came, in {kept}: --resume goes on from it" in said
+    line = [str(blend_file), *PLAIN, "--set", "seed=1"]
+    assert run_here(monkeypatch, *line, "--resume-or-fail", "-o", "//x_", "-f", "1") == 1
+    assert "was made by other settings (seed)" in capfd.readouterr().err and kept.exists()
+    line[-1] = "seed=0"
+    assert run_here(monkeypatch, *line, "--resume", "-o", "//x_", "-f", "1") == 0
+    assert "frame 1 goes on from" in capfd.readouterr().out
+    assert names(tmp_path) == ["x_0001.exr"]
+
+
+def test_finished_frames_get_more_samples(
+    blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any
+) -> None:
+    from addon import engine
+
+    line = [str(blend_file), *PLAIN, "--set", "samples=12", "-o", "//x_"]
+    assert run_here(monkeypatch, *line, "-f", "1") == 0
+    assert run_here(monkeypatch, *line, "--add-samples", "20", "-f", "1") == 1
+    assert "render the frame with --keep-film first" in capfd.readouterr().err
+    assert run_here(monkeypatch, *line, "--keep-film", "-f", "1") == 0
+    for samples in (32, 52):
+        assert run_here(monkeypatch, *line, "--add-samples", "20", "-f", "1") == 0
+        assert engine.outcomes[-1].report.sample_count == samples
+        assert names(tmp_path) == ["x_0001.exr", "x_0001.exr.ngfilm"]
+
+
+def test_a_folder_that_takes_no_checkpoint_costs_no_picture(
+    blend_file: Path, blender: Any, tmp_path: Path, monkeypatch: Any, capfd: Any
+) -> None:
+    from engine.render import checkpointing
+
+    def refuse(*_args: Any) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(checkpointing, "save_checkpoint", refuse)
+    line = [str(blend_file), *PLAIN, "--keep-film", "-o", "//x_", "-f", "1"]
+    assert run_here(monkeypatch, *line) == 0
+    assert names(tmp_path) == ["x_0001.exr"]
+    assert "x_0001.exr.ngcheckpoint cannot be written (Read-only file system)" in capfd.readouterr().err
