@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,7 @@ class Wishes:
     insists : bool, whether a frame fails whose checkpoint does not fit, instead of beginning anew
     keeps : bool, whether the films of finished frames are kept
     added : int, samples a pixel that finished frames are to get; 0: frames are rendered as ever
+    merged : list of str, paths of pictures, with #### for the frame's number, whose films make the frame together
     """
 
     interval: float = 60.0
@@ -43,6 +45,7 @@ class Wishes:
     insists: bool = False
     keeps: bool = False
     added: int = 0
+    merged: list[str] = dataclasses.field(default_factory=list)
 
     def take(self, option: str, value: str) -> bool:
         """Take an option of the command line; False: it is about something else."""
@@ -52,7 +55,12 @@ class Wishes:
             self.keeps = True
         elif option == "add-samples":
             self.added = int(value)
+        elif option == "merge":
+            self.merged.append(value)
         else:
+            # Those leave finished frames alone as well, which is not said here.
+            self.resumes = self.resumes or option in ("resume", "resume-or-fail")
+            self.insists = self.insists or option == "resume-or-fail"
             return False
         return True
 
@@ -89,17 +97,17 @@ class FrameCheckpoints:
         from engine.scene.digest import content_digest, scene_digest
 
         scene, layer = depsgraph.scene, depsgraph.view_layer_eval.name
-        index = scene.view_layers.find(layer)
-        name = self._path.name
-        if part_count > 1:
-            name += f".{index}" + (f"-{bpy.path.clean_name(view)}" if view else "")
-        wishes = self._wishes
+        part = f".{scene.view_layers.find(layer)}" if part_count > 1 else ""
+        part += f"-{bpy.path.clean_name(view)}" if part and view else ""
+        name, wishes = self._path.name + part, self._wishes
         film = self._path.with_name(name + FILM)
         plan = CheckpointPlan(
             self._path.with_name(name + CHECKPOINT),
             content_digest((scene.name, layer, view, scene_digest(description))), seed,
             interval=wishes.interval or math.inf, resumes=wishes.resumes, insists=wishes.insists,
-            film=film if wishes.added else None, keeps=bool(wishes.keeps or wishes.added or part_count > 1),
+            film=film if wishes.added else None,
+            merged=tuple(_film_of(picture, scene.frame_current, part) for picture in wishes.merged),
+            keeps=not wishes.merged and bool(wishes.keeps or wishes.added or part_count > 1),
         )
         frame = scene.frame_current
 
@@ -135,7 +143,16 @@ class FrameCheckpoints:
         """Say how a frame that was interrupted can be taken up, if it can."""
         kept = [item.plan.path for item in self._begun if item.is_written]
         if kept:
-            console.say(f"NeuralGuide: frame {frame} is kept as far as it came, in {kept[0]}: --resume goes on from it")
+            option = "--add-samples" if self._wishes.added else "--resume"
+            console.say(f"NeuralGuide: frame {frame} is kept as far as it came, in {kept[0]}: {option} goes on from it")
+
+
+def _film_of(picture: str, frame: int, part: str) -> Path:
+    """The film that was kept next to a picture, or what was kept of it before it was finished."""
+    numbered = re.sub("#+", lambda match: f"{frame:0{len(match[0])}d}", bpy.path.abspath(picture))
+    path = Path(numbered).absolute()
+    film, checkpoint = (path.with_name(path.name + part + suffix) for suffix in (FILM, CHECKPOINT))
+    return checkpoint if checkpoint.exists() and not film.exists() else film
 
 
 #: Of the frame in work; None: nothing of it is kept.
@@ -144,15 +161,18 @@ current: FrameCheckpoints | None = None
 
 def begin_frame(paths: Any, wishes: Wishes) -> FrameCheckpoints | None:
     """The checkpoints of a frame of these files; None: there are to be none."""
-    is_wanted = wishes.interval > 0.0 or wishes.resumes or wishes.keeps or wishes.added
+    is_wanted = wishes.interval > 0.0 or wishes.resumes or wishes.keeps or wishes.added or wishes.merged
     return FrameCheckpoints(paths[0], wishes) if paths and is_wanted else None
 
 
 def forget(path: Path) -> None:
-    """Remove checkpoints that a killed process has left of a frame that is finished: nobody goes on from them."""
+    """Remove checkpoints that a killed process has left of a frame that is finished: nobody goes on from them, unless
+    samples were being added to a film.
+    """
     with contextlib.suppress(OSError):
         for item in path.parent.iterdir():
-            if item.name.startswith(path.name + ".") and item.name.endswith(CHECKPOINT):
+            is_left = item.name.startswith(path.name + ".") and item.name.endswith(CHECKPOINT)
+            if is_left and not item.with_suffix(FILM).exists():
                 item.unlink(missing_ok=True)
 
 

@@ -188,11 +188,8 @@ class CommandLineRenderer:
     def _do_resume(self, _value: str) -> None:
         render = self._scene.render
         render.use_overwrite, render.use_placeholder = False, True
-        self._wishes.resumes = True
 
-    def _do_resume_or_fail(self, value: str) -> None:
-        self._do_resume(value)
-        self._wishes.insists = True
+    _do_resume_or_fail = _do_resume
 
     def _do_denoise_sequence(self, path: str) -> None:
         try:
@@ -261,7 +258,9 @@ class CommandLineRenderer:
             scene.neuralguide.property_unset("threads")
         if render.is_movie_format:
             self._trace(frames, ())
-        elif render.use_overwrite or self._wishes.added:
+        elif render.use_overwrite or self._wishes.added or self._wishes.merged:
+            # Blender would leave files alone that are there.
+            render.use_overwrite = True
             self._trace(frames, _frame_paths(render, frames[0]))
         else:
             self._trace_unless_finished(frames[0])

@@ -46,6 +46,8 @@ makes no sense.
                                by --resume it begins anew
   --keep-film                  Keep the film of a finished frame next to its file, for --add-samples
   --add-samples <samples>      Render finished frames on, by so many samples a pixel: those whose film was kept
+  --merge <picture>            Make the frame of the films that were kept next to this picture (part_1_####.exr) and to
+                               those of other --merge, each rendered by a seed of its own
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   --denoise-sequence <file>    Denoise all rendered frames of which this OpenEXR MultiLayer file is one, over time, into
@@ -96,6 +98,7 @@ _OPTIONS["--resume"] = ("resume", False)  # and this
 _OPTIONS["--resume-or-fail"] = ("resume-or-fail", False)  # and this
 _OPTIONS["--keep-film"] = ("keep-film", False)  # and this
 _OPTIONS["--add-samples"] = ("add-samples", True)  # and this
+_OPTIONS["--merge"] = ("merge", True)  # and this
 _OPTIONS["--denoise-sequence"] = ("denoise-sequence", True)  # and this
 _MOST_LOCAL_WORKERS = 256
 #: A day.

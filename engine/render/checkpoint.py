@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -47,13 +48,16 @@ class Identity:
         layout = content_digest((request.layout, request.frame.region, max(request.settings.strata, 1)))
         return cls(source_version(), scene, layout, settings)
 
-    def difference(self, other: Identity) -> str:
-        """Why a render of `other` cannot go on from a film of this, as what the film is; '' if it can."""
+    def difference(self, other: Identity, free: Collection[str] = ()) -> str:
+        """Why a render of `other` cannot go on from a film of this, as what the film is; '' if it can.
+
+        `free` names settings that may be others.
+        """
         if self.version != other.version:
             return "was made by another version of NeuralGuide"
         if self.scene != other.scene:
             return "is of another scene, or of this one before it was changed"
-        names = [item.name for item in fields(RenderSettings)]
+        names = [item.name for item in fields(RenderSettings) if item.name not in free]
         changed = [name for name in names if self.settings.get(name) != other.settings.get(name)]
         if changed:
             return f"was made by other settings ({', '.join(changed)})"

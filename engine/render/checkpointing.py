@@ -18,6 +18,7 @@ from engine.guiding.saved.learned import LOST, LearnedField
 from engine.render.checkpoint import Checkpoint, Identity
 from engine.render.checkpoint_file import CheckpointError, load_checkpoint, load_film, save_checkpoint, sums_of
 from engine.render.film import Film
+from engine.render.film_addition import add_film
 from engine.render.loop_state import LooksState, LoopState
 from engine.render.request import RenderRequest
 from engine.runtime.whole_files import remove_parts
@@ -66,6 +67,7 @@ class CheckpointPlan:
     resumes : bool, whether to go on from the file, if there is one
     insists : bool, whether to refuse a file that does not fit, instead of beginning anew
     film : Path or None, file of a finished film that is to have more samples
+    merged : tuple of Path, films of other seeds that are to make the picture together, without any more samples
     keeps : bool, whether the file is to hold the finished film as well
     """
 
@@ -76,6 +78,7 @@ class CheckpointPlan:
     resumes: bool = False
     insists: bool = False
     film: Path | None = None
+    merged: tuple[Path, ...] = ()
     keeps: bool = False
 
 
@@ -116,12 +119,14 @@ class Checkpointing:
         Raises
         ------
         CheckpointRefused
-            If it does not fit, and the plan insists.
+            If it does not fit, and the plan insists, or asks for films that are there.
         """
         self._identity = Identity.of_request(request, self.plan.scene, self.plan.seed)
         self._seed = request.settings.seed
         remove_parts(self.plan.path)
         film = request.make_film()
+        if self.plan.merged:
+            return self._merging(request, film), film
         source, insists = self.plan.film or self.plan.path, self.plan.insists or self.plan.film is not None
         if not self.plan.resumes and self.plan.film is None:
             return request, film
@@ -129,8 +134,9 @@ class Checkpointing:
             found = self._taken_up(request, film)
         except FileNotFoundError:
             if self.plan.film is not None:
-                problem = f"there is no film {self.plan.film}: render the frame with --keep-film first"
-                raise CheckpointRefused(problem) from None
+                raise CheckpointRefused(
+                    f"there is no film {self.plan.film}: render the frame with --keep-film first"
+                ) from None
             return request, film
         except CheckpointError as error:
             if insists:
@@ -142,6 +148,30 @@ class Checkpointing:
             self._on_resumed(self.resumed)
         self._seed = found.seed
         return _going_on(request, found), film
+
+    def _merging(self, request: RenderRequest, film: Film) -> RenderRequest:
+        """Fill the film with all that are to be merged; what to go by, so that nothing is added."""
+        assert self._identity is not None
+        seeds: dict[int, Path] = {}
+        path_count = 0
+        for path in self.plan.merged:
+            part = request.make_film()
+            try:
+                found = load_checkpoint(path)
+                if problem := found.identity.difference(self._identity, free=("seed",)):
+                    raise CheckpointError(problem)
+                if found.seed in seeds:
+                    problem = f"has the same samples as {seeds[found.seed]}: render each part by a seed of its own"
+                    raise CheckpointError(problem)
+                load_film(path, part)
+            except FileNotFoundError:
+                raise CheckpointRefused(f"there is no film {path}: render that part with --keep-film") from None
+            except CheckpointError as error:
+                raise CheckpointRefused(f"{path} {error}") from None
+            seeds[found.seed] = path
+            path_count += found.state.path_count
+            add_film(film, part)
+        return replace(request, resumed=LoopState(request.samples, path_count=path_count, ended_by="SAMPLES"))
 
     def _taken_up(self, request: RenderRequest, film: Film) -> Checkpoint:
         """Fill the film; returns how far it has come."""

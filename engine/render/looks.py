@@ -61,7 +61,7 @@ class Looks:
         Parameters
         ----------
         samples : int
-            Samples of a pixel that has been active all along.
+            That every pixel has which has been active all along.
         expect : callable
             Is told how many paths are still to come, if that is known anew.
         """

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from engine.render.adaptive import ActivePixels
+from engine.render.loop_state import NOTHING_DONE, LoopState
 from engine.render.report import ENDINGS, Progress
 
 
@@ -16,13 +17,15 @@ class PathProgress:
         What there is to render.
     time_limit : float
         0: none [s].
-    finished : int
-        Paths that are traced already.
+    resumed : LoopState
+        How far it had come before it was interrupted.
     """
 
-    def __init__(self, pixel_count: int, samples: int, time_limit: float, finished: int = 0) -> None:
-        self._samples, self._time_limit = samples, time_limit
-        self._finished, self._expected = finished, float(pixel_count * samples)
+    def __init__(
+        self, pixel_count: int, samples: int, time_limit: float, resumed: LoopState = NOTHING_DONE
+    ) -> None:
+        self._samples, self._time_limit, self._before = samples, time_limit, resumed.seconds
+        self._finished, self._expected = resumed.path_count, float(pixel_count * samples)
         self._sample = 0
         self._fraction = 0.0
 
@@ -55,7 +58,7 @@ class PathProgress:
         elapsed : float
             Since the beginning [s].
         rays : int
-            Traced so far.
+            Traced by this process so far.
         ended_by : str
             Of `ENDINGS`, once it is known.
         message : str
@@ -77,4 +80,5 @@ class PathProgress:
         # What is expected after a look may be more than what was before.
         self._fraction = max(self._fraction, fraction)
         message = ENDINGS[ended_by] if ended_by else message
-        return Progress(self._fraction, sample, samples, elapsed, remaining, rays / max(elapsed, 1e-6), message, share)
+        speed = rays / max(elapsed - self._before, 1e-6)
+        return Progress(self._fraction, sample, samples, elapsed, remaining, speed, message, share)

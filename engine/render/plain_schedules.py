@@ -84,7 +84,7 @@ class PlainPart:
 
     def __init__(self, samples: int, looks: Looks, time_left: TimeLeft, stratum: int, skipped: int) -> None:
         self._samples, self._looks, self._time_left, self._stratum = samples, looks, time_left, stratum
-        self._skipped = skipped
+        self.skipped = skipped
         self._begun = START
         self._tile_count = 0
         #: By tile.
@@ -120,6 +120,6 @@ class PlainPart:
         begin = self._begun if self.steps is None else self.steps.begun
         ends = np.array([self._ends.get(tile, begin.first) for tile in range(self._tile_count)], np.int32)
         return LoopState(
-            begin.first, begin.count, ends, self._skipped, self._time_left.elapsed, path_count,
+            begin.first, begin.count, ends, self.skipped, self._time_left.elapsed, path_count,
             ended_by if ended_by in _GOOD_ENOUGH else "", self._looks.state,
         )

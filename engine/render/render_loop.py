@@ -173,7 +173,7 @@ class RenderLoop:
         self._learned: Guidance | None = None
         self._rests = LearningRests(pixel_count, request.learning.rules)
         self._before = Statistics()
-        self.paths = PathProgress(pixel_count, self.samples, settings.time_limit, resumed.path_count)
+        self.paths = PathProgress(pixel_count, self.samples, settings.time_limit, resumed)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
@@ -261,7 +261,7 @@ class RenderLoop:
         self.ended_by = self.ended_by or "SAMPLES"
         with self.film_lock:
             self._bridge.let_go()
-        return self.time_left.elapsed
+        return self.time_left.elapsed - self.time_left.before
 
     @property
     def has_all_pixels(self) -> bool:
@@ -327,7 +327,7 @@ class RenderLoop:
 
     def _look(self, samples: int) -> bool:
         """Look at the picture, if it is time to; True if it is good enough."""
-        ending = self.looks.look(self._offset + samples, self.paths.expect)
+        ending = self.looks.look(self._offset + samples - self._plain.skipped, self.paths.expect)
         self.ended_by = ending or self.ended_by
         return bool(ending)
 
@@ -381,7 +381,7 @@ class RenderLoop:
         assert iterations is not None and learner is not None
         if self._active is not None or self._learned is not None or not iterations.lacks_bridge:
             return
-        if self.looks.wait_for(self._offset + iterations.next_sample):
+        if self.looks.wait_for(self._offset + iterations.next_sample - self._plain.skipped):
             return
         following = iterations.plan(self.time_left.elapsed)
         if following is not None and (learner.wants_last or not self.time_left.is_short(*following)):

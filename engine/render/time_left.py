@@ -24,15 +24,13 @@ class TimeLeft:
         Limit of the whole render; 0: there is none.
     before : float [s]
         Time that it has taken before it was interrupted.
-    first : int
-        Samples that tiles have by then.
     """
 
-    def __init__(self, limit: float, before: float = 0.0, first: int = 0) -> None:
+    def __init__(self, limit: float, before: float = 0.0) -> None:
         self._limit, self.before = limit, before
         self._start: float | None = None
         #: Samples and time at the begin of the last pass.
-        self._began = (first, before)
+        self._began = (0, before)
         self._seconds_per_sample = 0.0
 
     @property

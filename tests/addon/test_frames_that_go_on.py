@@ -105,6 +105,41 @@ def test_a_frame_that_is_asked_to_end_says_how_it_goes_on(
     assert names(tmp_path) == ["x_0001.exr"]
 
 
+@posix
+def test_layers_that_were_finished_are_not_rendered_again(
+    blend_file: Path, blender: Any, tmp_path: Path, monkeypatch: Any, capfd: Any
+) -> None:
+    """The process is asked to end as the second of two view layers begins."""
+    from engine.render.checkpointing import Checkpointing
+
+    scene_file(blender, 16)
+    blender.context.scene.view_layers.new("Second").use_pass_z = True
+    blender.ops.wm.save_mainfile()
+    line = [str(blend_file), *PLAIN, "-F", "OPEN_EXR_MULTILAYER"]
+    assert run_here(monkeypatch, *line, "-o", "//whole_", "-f", "1") == 0
+    real, begun = Checkpointing.begin, []
+
+    def begin(self: Any, request: Any) -> Any:
+        begun.append(1)
+        if len(begun) == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return real(self, request)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Checkpointing, "begin", begin)
+        assert run_here(patch, *line, "-o", "//x_", "-f", "1") == 143
+    assert "x_0001.exr.0.ngcheckpoint" in names(tmp_path)
+    capfd.readouterr()
+    assert run_here(monkeypatch, *line, "--resume", "-o", "//x_", "-f", "1") == 0
+    assert "frame 1 goes on from 16 samples" in capfd.readouterr().out
+    assert names(tmp_path) == ["whole_0001.exr", "x_0001.exr"]
+    with OpenEXR.File(str(tmp_path / "x_0001.exr")) as one, OpenEXR.File(str(tmp_path / "whole_0001.exr")) as other:
+        assert len(one.parts) == len(other.parts) > 1
+        for part, same in zip(one.parts, other.parts, strict=True):
+            for name, channel in part.channels.items():
+                assert np.array_equal(channel.pixels, same.channels[name].pixels), name
+
+
 def test_finished_frames_get_more_samples(
     blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any
 ) -> None:
@@ -119,6 +154,21 @@ def test_finished_frames_get_more_samples(
         assert run_here(monkeypatch, *line, "--add-samples", "20", "-f", "1") == 0
         assert engine.outcomes[-1].report.sample_count == samples
         assert names(tmp_path) == ["x_0001.exr", "x_0001.exr.ngfilm"]
+
+
+def test_parts_of_a_frame_make_one_picture(blend_file: Path, tmp_path: Path, monkeypatch: Any, capfd: Any) -> None:
+    """As several machines render them."""
+    line = [str(blend_file), *PLAIN, "--set", "samples=12"]
+    for seed in ("1", "2"):
+        part = ["--set", f"seed={seed}", "--keep-film", "-o", f"//part_{seed}_", "-f", "1"]
+        assert run_here(monkeypatch, *line, *part) == 0
+    merged = ["--merge", "//part_1_####.exr", "--merge", "//part_2_####.exr"]
+    assert run_here(monkeypatch, *line, *merged, "-o", "//x_", "-f", "1") == 0
+    parts = [pixels(tmp_path / f"part_{seed}_0001.exr") for seed in "12"]
+    np.testing.assert_allclose(pixels(tmp_path / "x_0001.exr"), sum(parts) / 2, rtol=1e-5, atol=1e-7)
+    assert not np.array_equal(*parts)
+    assert run_here(monkeypatch, *line, "--merge", "//part_3_####.exr", "-o", "//y_", "-f", "1") == 1
+    assert "there is no film" in capfd.readouterr().err and not (tmp_path / "y_0001.exr").exists()
 
 
 def test_a_folder_that_takes_no_checkpoint_costs_no_picture(

@@ -19,6 +19,7 @@ SAMPLES = 64
 #: Samples a pixel that one may have more than was asked for, each time that its render is interrupted.
 MOST_MORE = 32
 GUIDED = {"guiding_method": "VMM", "guiding_trial": False}
+NOISE = GUIDED | {"use_adaptive_sampling": True, "adaptive_threshold": 0.03, "adaptive_min_samples": 20}
 CACHED = {"guiding_method": "OFF", "radiance_cache": "CONVERGING"}
 
 
@@ -55,7 +56,7 @@ def assert_same_mean(result, other):
     assert abs(pictures[0].sum() - pictures[1].sum()) < 4.0 * np.sqrt(3.0 * variance)
 
 
-@pytest.mark.parametrize("settings", [GUIDED, CACHED], ids=["guided", "cached"])
+@pytest.mark.parametrize("settings", [GUIDED, CACHED, NOISE], ids=["guided", "cached", "noise threshold"])
 def test_no_sample_counts_twice_and_the_mean_stays(monkeypatch, path, seen, settings):
     """Interrupted twice, by one thread: what it has put on the film by then is what is kept."""
     made = renderer(monkeypatch, path, **settings)
@@ -63,14 +64,15 @@ def test_no_sample_counts_twice_and_the_mean_stays(monkeypatch, path, seen, sett
     seen.clear()
     assert made.interrupted(7).report.cancelled
     assert made.interrupted(23, resumes=True).report.cancelled
-    assert (load_checkpoint(path).learned is not None) == (settings is GUIDED)
+    assert (load_checkpoint(path).learned is not None) == (settings is not CACHED)
     result = made.taken_up()
     for pixel, ranges in seen.items():
         assert all(one[1] <= other[0] for one, other in pairwise(sorted(ranges))), pixel
     counts = result.passes["Sample Count"]
-    assert counts.min() >= SAMPLES and counts.max() <= SAMPLES + 2 * MOST_MORE
+    # The first look is after two more than the least that each pixel gets.
+    assert counts.min() >= (22 if settings is NOISE else SAMPLES) and counts.max() <= SAMPLES + 2 * MOST_MORE
     assert counts.sum() == sum(last - first for ranges in seen.values() for first, last in ranges)
-    if settings is GUIDED:
+    if settings is not CACHED:
         assert result.report.guiding.started_from
     assert_same_mean(result, whole)
 
