@@ -62,7 +62,7 @@ class Identity:
         if changed:
             return f"was made by other settings ({', '.join(changed)})"
         if self.layout != other.layout:
-            return "has other passes than are asked for, or another size"
+            return "was made for other passes, for another size, or to be denoised otherwise"
         return ""
 
 

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ class Victim:
     """A process that renders frame 1 until a signal ends it."""
 
     def __init__(self, blend_file: Path, *options: str) -> None:
-        line = [sys.executable, "-m", "addon", str(blend_file), *PLAIN, "--checkpoint", "0.05", *options]
+        line = [sys.executable, "-m", "addon", str(blend_file), "--checkpoint", "0.05", *options]
         self._process = subprocess.Popen(
             [*line, "-o", "//x_", "-f", "1"], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
@@ -63,11 +64,11 @@ class Victim:
         return self._checkpoint.stat().st_mtime_ns if self._checkpoint.exists() else 0
 
 
-def kill_often(blend_file: Path, times: int, seed: int) -> None:
+def kill_often(blend_file: Path, times: int, seed: int, options: Sequence[str] = PLAIN) -> None:
     """Kill a frame at random moments, going on with it each time."""
     moments = random.Random(seed)
     for index in range(times):
-        Victim(blend_file, "--resume").end(signal.SIGKILL, 0.3 * moments.random())
+        Victim(blend_file, *options, "--resume").end(signal.SIGKILL, 0.3 * moments.random())
         kept = blend_file.with_name("x_0001.exr.ngcheckpoint")
         assert index or kept.exists(), "it is to be killed before its end"
 
@@ -89,11 +90,26 @@ def test_killed_frames_go_on_to_the_same_bits(
 
 
 @posix
+@pytest.mark.slow
+def test_killed_frames_that_learn_go_on(blend_file: Path, blender: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    """At the defaults: guiding and cache are automatic. Sums of 7000 pixels of 3000 samples are good for 0.1%."""
+    scene_file(blender, 3000)
+    line = [str(blend_file), "-E", "NEURALGUIDE", "-t", "1"]
+    assert run_here(monkeypatch, *line, "-o", "//whole_", "-f", "1") == 0
+    kill_often(blend_file, 3, seed=7, options=line[1:])
+    assert run_here(monkeypatch, *line, "--resume", "-o", "//x_", "-f", "1") == 0
+    assert names(tmp_path) == ["whole_0001.exr", "x_0001.exr"]
+    one, other = (pixels(tmp_path / f"{name}_0001.exr") for name in ("x", "whole"))
+    assert one.mean() == pytest.approx(other.mean(), rel=3e-3)
+    np.testing.assert_allclose(one, other, atol=0.1 * other.max())
+
+
+@posix
 def test_a_frame_that_is_asked_to_end_says_how_it_goes_on(
     blend_file: Path, blender: Any, tmp_path: Path, monkeypatch: Any, capfd: Any
 ) -> None:
     scene_file(blender, 3000)
-    code, said = Victim(blend_file).end(signal.SIGTERM, 0.0)
+    code, said = Victim(blend_file, *PLAIN).end(signal.SIGTERM, 0.0)
     kept = tmp_path / "x_0001.exr.ngcheckpoint"
     assert code == 143 and f"frame 1 is kept as far as it came, in {kept}: --resume goes on from it" in said
     line = [str(blend_file), *PLAIN, "--set", "seed=1"]

@@ -135,6 +135,7 @@ def test_pixels_that_were_good_enough_are_judged_anew_where_samples_are_added(mo
         ({"strength": 3.0}, "is of another scene"),
         ({"max_bounces": 3}, "was made by other settings (max_bounces)"),
         ({"use_adaptive_sampling": True}, "was made by other settings (use_adaptive_sampling)"),
+        ({"use_denoising": True}, "was made for other passes"),
         ({}, "was made by another version"),
     ],
 )

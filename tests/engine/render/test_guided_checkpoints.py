@@ -17,7 +17,7 @@ from tests.helpers.small_scenes import pit_scene
 
 SAMPLES = 64
 #: Samples a pixel that one may have more than was asked for, each time that its render is interrupted.
-MOST_MORE = 32
+MOST_MORE = 40
 GUIDED = {"guiding_method": "VMM", "guiding_trial": False}
 NOISE = GUIDED | {"use_adaptive_sampling": True, "adaptive_threshold": 0.03, "adaptive_min_samples": 20}
 CACHED = {"guiding_method": "OFF", "radiance_cache": "CONVERGING"}
