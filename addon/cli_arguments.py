@@ -135,6 +135,10 @@ def parse_arguments(arguments: Sequence[str]) -> list[Action]:
             value = pending.pop(0)
         _check(argument, name, value)
         actions.append(Action(name, value))
+    names = {item.name for item in actions}
+    for other in ("add-samples", "keep-film"):
+        if {"merge", other} <= names:
+            raise CommandLineError(f"--merge makes one picture and no film: leave --{other} out")
     # Blender reads -t before anything else, wherever it stands.
     return [item for item in actions if item.name == "threads"] + [item for item in actions if item.name != "threads"]
 

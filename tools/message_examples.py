@@ -156,6 +156,7 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
     "addon/cli.py": {"name": "EEVEE", "path": "/scenes/room.blend", "text": "room.ngfield"},
     "addon/cli_arguments.py": {
         "argument": "--threads",
+        "other": "keep-film",
         "value": "-1",
         "error": "'-1' is no whole number from 0 to 1024",
     },
