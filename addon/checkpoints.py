@@ -23,6 +23,7 @@ from . import console
 if TYPE_CHECKING:
     from engine.render.checkpointing import Checkpointing
     from engine.scene.description import Notice, SceneDescription
+    from engine.settings import RenderSettings
 
 #: End names of files.
 CHECKPOINT, FILM = ".ngcheckpoint", ".ngfilm"
@@ -118,15 +119,19 @@ class FrameCheckpoints:
         self._begun.append(checkpointing)
         return checkpointing
 
-    def samples(self, checkpointing: Checkpointing, samples: int) -> int:
-        """Samples a pixel of a part that was to have so many: more than a finished film has, if some are added."""
+    def settings(self, checkpointing: Checkpointing, settings: RenderSettings) -> RenderSettings:
+        """What a part is rendered by: if samples are added, more of them than the finished film has."""
         from engine.render.checkpoint_file import CheckpointError, load_checkpoint
 
         # Without a film that can be read the render is refused, and says why.
         with contextlib.suppress(OSError, CheckpointError):
             if checkpointing.plan.film is not None:
-                return load_checkpoint(checkpointing.plan.film).state.samples + self._wishes.added
-        return samples
+                found = load_checkpoint(checkpointing.plan.film)
+                settings = dataclasses.replace(settings, samples=found.state.samples + self._wishes.added)
+                if settings.radiance_cache == "AUTO" and found.identity.settings.get("radiance_cache") == "OFF":
+                    # So few samples were no reason to try it. The film stays what it is.
+                    settings = dataclasses.replace(settings, radiance_cache="OFF")
+        return settings
 
     def finish(self) -> None:
         """The frame's picture is written: keep the films, if that is asked for, and nothing else."""
@@ -186,5 +191,5 @@ def begin_view(
         checkpointing = current.begin(
             depsgraph, view, description, part_count, settings.seed, lambda notice: show([notice])
         )
-        session.settings = dataclasses.replace(settings, samples=current.samples(checkpointing, settings.samples))
+        session.settings = current.settings(checkpointing, settings)
         session.checkpointing = checkpointing
