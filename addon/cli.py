@@ -14,7 +14,7 @@ from typing import Any
 
 import bpy
 
-from . import console, denoise_over_time, engine, learned_fields, register, sequence
+from . import checkpoints, console, denoise_over_time, engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .cli_denoising import denoise_animation, denoise_frames
 from .declared_settings import parse_setting, setting_owner
@@ -49,6 +49,7 @@ class CommandLineRenderer:
         self.failures: list[str] = []
         self._threads: int | None = None
         self._pool: Any = None  # of a cluster
+        self._wishes = checkpoints.Wishes()
         #: The signal that came first, 0 while none has.
         self.interrupted_by = 0
         register()
@@ -71,6 +72,8 @@ class CommandLineRenderer:
         CommandLineError
             Where it cannot be done at all: no such file, scene, engine or format.
         """
+        if self._wishes.take(action.name, action.value):
+            return
         handler: Callable[[str], None] = getattr(self, "_do_" + action.name.replace("-", "_"))
         handler(action.value)
 
@@ -186,6 +189,8 @@ class CommandLineRenderer:
         render = self._scene.render
         render.use_overwrite, render.use_placeholder = False, True
 
+    _do_resume_or_fail = _do_resume
+
     def _do_denoise_sequence(self, path: str) -> None:
         try:
             paths = find_frames(Path(path).resolve())
@@ -253,7 +258,9 @@ class CommandLineRenderer:
             scene.neuralguide.property_unset("threads")
         if render.is_movie_format:
             self._trace(frames, ())
-        elif render.use_overwrite:
+        elif render.use_overwrite or self._wishes.added or self._wishes.merged:
+            # Blender would leave files alone that are there.
+            render.use_overwrite = True
             self._trace(frames, _frame_paths(render, frames[0]))
         else:
             self._trace_unless_finished(frames[0])
@@ -264,6 +271,7 @@ class CommandLineRenderer:
         paths = _frame_paths(render, frame)
         if all(map(is_finished, paths)):
             console.say(f"NeuralGuide: frame {frame} is left as it is: {paths[0]} is there")
+            checkpoints.forget(paths[0])
             return
         claim = FrameClaim(paths, makes_placeholders=render.use_placeholder)
         try:
@@ -293,6 +301,7 @@ class CommandLineRenderer:
         outcome_count = engine.outcome_count()
         sequence.frame_range = range_before
         engine.saves_picture = True
+        checkpoints.current = kept_frame = checkpoints.begin_frame(paths, self._wishes)
         problem = ""
         status = set()
         try:
@@ -304,15 +313,20 @@ class CommandLineRenderer:
             _set_range(scene, *range_before)
             sequence.frame_range = None
             engine.saves_picture = False
+            checkpoints.current = None
         outcomes = engine.outcomes_since(outcome_count)
         if not problem and status != {"FINISHED"} and not self.is_interrupted:
             problem = "Blender cancelled the render"
         if not problem and render.engine == engine.NeuralGuideRenderEngine.bl_idname:
-            problem = self._problem_of(outcomes)
+            problem = _problem_of(outcomes)
         missing = [path for path in paths if not was_written(path, started)]
         if not problem and missing:
             problem = f"{missing[0]} was not written: is the folder writable, is the disk full?"
+        if kept_frame is not None and self.is_interrupted:
+            kept_frame.tell_kept(frames[0])
         if not problem:
+            if kept_frame is not None and not self.is_interrupted:
+                kept_frame.finish()
             return
         has_picture = any(item.has_picture for item in outcomes)
         if self.is_interrupted and not has_picture and all(item.status == "CANCELLED" for item in outcomes):
@@ -322,12 +336,12 @@ class CommandLineRenderer:
         kept = _keep(missing[0]) if has_picture and missing else ""
         raise RenderFailed(problem + kept)
 
-    @staticmethod
-    def _problem_of(outcomes: list[engine.Outcome]) -> str:
-        """What the engine says went wrong, '' where nothing did."""
-        if not outcomes:
-            return "no view layer was rendered; is any enabled?"
-        return "; ".join(f"{item.view_layer}: {item.message}" for item in outcomes if item.status == "FAILED")
+
+def _problem_of(outcomes: list[engine.Outcome]) -> str:
+    """What the engine says went wrong, '' where nothing did."""
+    if not outcomes:
+        return "no view layer was rendered; is any enabled?"
+    return "; ".join(f"{item.view_layer}: {item.message}" for item in outcomes if item.status == "FAILED")
 
 
 def _frame_paths(render: bpy.types.RenderSettings, frame: int) -> list[Path]:

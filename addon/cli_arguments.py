@@ -37,8 +37,17 @@ makes no sense.
                                the file is made, and what is learned is saved to it
   --cluster <address>          Have other processes render: local:4 for four on this machine, tcp://HOST:PORT or
                                tls://HOST:PORT for the workers of a scheduler of Dask (docs/farm.md)
-  --resume                     Leave frames alone whose files are there and whole, and make an empty file for each frame
-                               when it begins: Blender's Overwrite off, and Placeholders on
+  --checkpoint <seconds>       How often a frame is kept next to its file while it is rendered, for --resume; 0 = never
+                               (60)
+  --resume                     Go on with a frame where it was kept last. Leave frames alone whose files are there and
+                               whole, and make an empty file for each frame when it begins: Blender's Overwrite off,
+                               and Placeholders on
+  --resume-or-fail             As --resume, but a frame fails whose checkpoint is of another scene, version or setting;
+                               by --resume it begins anew
+  --keep-film                  Keep the film of a finished frame next to its file, for --add-samples
+  --add-samples <samples>      Render finished frames on, by so many samples a pixel: those whose film was kept
+  --merge <picture>            Make the frame of the films that were kept next to this picture (part_1_####.exr) and to
+                               those of other --merge, each rendered by a seed of its own
   -f, --render-frame <frames>  Render frames and save them: 7, 1,3,5, 1..10, +N from the start, -N from the end
   -a, --render-anim            Render from the first frame to the last
   --denoise-sequence <file>    Denoise all rendered frames of which this OpenEXR MultiLayer file is one, over time, into
@@ -84,9 +93,18 @@ _OPTIONS |= {f"--{name}": (name, takes_value) for name, takes_value in list(_OPT
 _OPTIONS["--set"] = ("set", True)  # ours; Blender has none of the name
 _OPTIONS["--field"] = ("field", True)  # ours as well
 _OPTIONS["--cluster"] = ("cluster", True)  # and this
+_OPTIONS["--checkpoint"] = ("checkpoint", True)  # and this
 _OPTIONS["--resume"] = ("resume", False)  # and this
+_OPTIONS["--resume-or-fail"] = ("resume-or-fail", False)  # and this
+_OPTIONS["--keep-film"] = ("keep-film", False)  # and this
+_OPTIONS["--add-samples"] = ("add-samples", True)  # and this
+_OPTIONS["--merge"] = ("merge", True)  # and this
 _OPTIONS["--denoise-sequence"] = ("denoise-sequence", True)  # and this
 _MOST_LOCAL_WORKERS = 256
+#: A day.
+_MOST_SECONDS = 86400.0
+#: As `engine.settings.MAX_SAMPLES`.
+_MOST_SAMPLES = 1 << 24
 
 
 def parse_arguments(arguments: Sequence[str]) -> list[Action]:
@@ -117,6 +135,10 @@ def parse_arguments(arguments: Sequence[str]) -> list[Action]:
             value = pending.pop(0)
         _check(argument, name, value)
         actions.append(Action(name, value))
+    names = {item.name for item in actions}
+    for other in ("add-samples", "keep-film"):
+        if {"merge", other} <= names:
+            raise CommandLineError(f"--merge makes one picture and no film: leave --{other} out")
     # Blender reads -t before anything else, wherever it stands.
     return [item for item in actions if item.name == "threads"] + [item for item in actions if item.name != "threads"]
 
@@ -131,6 +153,8 @@ def _check(argument: str, name: str, value: str) -> None:
         "threads": lambda: _parse_int(value, 0, 1024),
         "set": lambda: parse_setting(value),
         "cluster": lambda: _check_cluster(value),
+        "checkpoint": lambda: _check_seconds(value),
+        "add-samples": lambda: _parse_int(value, 1, _MOST_SAMPLES),
     }
     try:
         if name in checks:
@@ -145,6 +169,16 @@ def _parse_int(text: str, low: int, high: int) -> int:
     if not text.isascii() or not text.isdigit() or not low <= int(text) <= high:
         raise CommandLineError(f"{text!r} is no whole number from {low} to {high}")
     return int(text)
+
+
+def _check_seconds(text: str) -> None:
+    """Raise for what is no interval."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 <= seconds <= _MOST_SECONDS:
+        raise CommandLineError(f"{text!r} is no number of seconds from 0 to {_MOST_SECONDS:g}")
 
 
 def _check_cluster(text: str) -> None:

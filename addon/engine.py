@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import denoise_over_time, figures, freestyle, material_preview, passes, sequence
+from . import checkpoints, denoise_over_time, figures, freestyle, material_preview, passes, sequence
+from .frame_parts import is_only_picture, layer_count, part_count, place
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
@@ -197,7 +198,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
         if not bpy.app.background:
-            self.update_stats("", f"{_place(depsgraph)} | Exporting the scene")
+            self.update_stats("", f"{place(depsgraph)} | Exporting the scene")
         pending = []
         try:
             for view in views:
@@ -274,7 +275,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         from engine.render.report import peak_memory
 
         bar = TerminalBar() if bpy.app.background else None
-        place = _place(depsgraph, view)
+        shown_place = place(depsgraph, view)
         shown = freestyle.PASS_NAME if self._draws_strokes else depsgraph.view_layer_eval.name
         title = f"Frame {depsgraph.scene.frame_current} {shown}"
 
@@ -286,7 +287,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             if bar is not None:
                 bar.update(title, fraction, progress)
             else:
-                self.update_stats("", status_line(progress, place, peak_memory()))
+                self.update_stats("", status_line(progress, shown_place, peak_memory()))
 
         try:
             yield on_progress
@@ -326,9 +327,14 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
             source = None if self._plan is None else self._plan.source(description)
             with self._progress(depsgraph, view, waiting) as on_progress:
-                keeps_meshes = not self._is_only_picture(depsgraph)
+                keeps_meshes = self._plan is not None or not is_only_picture(depsgraph.scene)
                 if not keeps_meshes:
                     self._export_cache = None
+                if not self._draws_strokes:
+                    checkpoints.begin_view(
+                        self._session, self._settings, depsgraph, view, description, part_count(depsgraph.scene),
+                        self._show,
+                    )
                 notices = self._session.load(
                     description, on_progress=on_progress, should_cancel=self._should_cancel, keeps_meshes=keeps_meshes
                 )
@@ -380,12 +386,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                     lambda one={name: item}: passes.write_layer(layer, view, one, images),  # type: ignore[misc]
                     "it is black or unfinished",
                 )
-
-    def _is_only_picture(self, depsgraph: bpy.types.Depsgraph) -> bool:
-        """Whether what is exported serves one picture only: Blender makes a new engine for the next frame."""
-        render = depsgraph.scene.render
-        is_single = not render.use_multiview and _layer_count(depsgraph.scene) == 1
-        return is_single and not render.use_persistent_data and self._plan is None
 
     # -- telling the user ---------------------------------------------------------------------------------------------
 
@@ -508,17 +508,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _total_fraction(self, depsgraph: bpy.types.Depsgraph, fraction: float) -> float:
         """Progress over all view layers of the frame."""
-        return min((self._layers_done + fraction) / max(_layer_count(depsgraph.scene), 1), 1.0)
-
-
-def _layer_count(scene: bpy.types.Scene) -> int:
-    """View layers that a render of the scene has."""
-    return 1 if scene.render.use_single_layer else sum(layer.use for layer in scene.view_layers)
-
-
-def _place(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:
-    """Scene, view layer and, in stereo, view, as Cycles names them."""
-    return ", ".join(name for name in (depsgraph.scene.name, depsgraph.view_layer_eval.name, view) if name)
+        return min((self._layers_done + fraction) / max(layer_count(depsgraph.scene), 1), 1.0)
 
 
 @bpy.app.handlers.persistent

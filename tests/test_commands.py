@@ -14,6 +14,8 @@ import runpy
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +108,17 @@ def test_programs_understand_their_commands(command: str, monkeypatch: pytest.Mo
     assert ended.type is Read or ended.value.code == 0, f"{name} does not understand {arguments}"
 
 
+def _before(words: list[str]) -> Iterator[str]:
+    """What must be rendered before a command: the field or the films that it starts from."""
+    values = {word: [value for other, value in pairwise(words) if other == word] for word in words}
+    if "--field" in words and "save_field=on" not in words:
+        yield f"--set guiding_method=VMM --set samples=16 --set save_field=on --field {values['--field'][0]}"
+    if "--add-samples" in words:
+        yield f"-E NEURALGUIDE --keep-film -o {values['-o'][0]}"
+    for seed, picture in enumerate(values.get("--merge", ())):
+        yield f"-E NEURALGUIDE --set seed={seed} --keep-film -o {picture.removesuffix('.exr')}"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
@@ -120,10 +133,8 @@ def test_commands_that_render_render(command: str, cube_scene: Any, tmp_path: Pa
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     words = shlex.split(command.replace("$SLURM_CPUS_PER_TASK", "1").replace("$SLURM_ARRAY_TASK_ID", "1"))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    if "--field" in words and "save_field=on" not in command:
-        field = words[words.index("--field") + 1]
-        making = f"scene.blend --set guiding_method=VMM --set samples=16 --set save_field=on --field {field} -f 1"
-        first = [sys.executable, "-m", "addon", *making.split()]
+    for making in _before(words):
+        first = [sys.executable, "-m", "addon", "scene.blend", *making.split(), "-f", "1"]
         subprocess.run(first, cwd=tmp_path, env=environment, check=True)
     done = subprocess.run(
         [sys.executable, *words[1:]], cwd=tmp_path, env=environment, capture_output=True, text=True,

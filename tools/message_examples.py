@@ -137,11 +137,32 @@ EXAMPLES: dict[str, str] = {**_GIB, **_SIZES, **_NAMES, **_VALUES, **_PLACES, **
 
 #: Where a module means something else by the same words, or by words that are too short to be known everywhere.
 EXAMPLES_IN: dict[str, dict[str, str]] = {
+    "engine/render/checkpoint_file.py": {
+        "name": "film.radiance",
+        "described[1]": "(2073600, 3)",
+        "described[0]": "<f4",
+        "error": "film.radiance ends too soon",
+        "manifest.get('version')": "2",
+        "seed": "-1",
+        "error.strerror or error": "Permission denied",
+    },
+    "engine/render/checkpointing.py": {
+        "source": "/shots/room_0001.exr.ngcheckpoint",
+        "self.plan.path": "/shots/room_0001.exr.ngcheckpoint",
+        "self.plan.film": "/shots/room_0001.exr.ngfilm",
+        "error": "is of another scene, or of this one before it was changed",
+        "reason": "No space left on device",
+    },
     "addon/cli.py": {"name": "EEVEE", "path": "/scenes/room.blend", "text": "room.ngfield"},
     "addon/cli_arguments.py": {
         "argument": "--threads",
+        "other": "keep-film",
         "value": "-1",
         "error": "'-1' is no whole number from 0 to 1024",
+    },
+    "addon/checkpoints.py": {
+        "path": "/shots/room_0001.exr.ngcheckpoint",
+        "error.strerror or error": "No space left on device",
     },
     "addon/declared_settings.py": {"name": "samples"},
     "addon/denoise_sequence.py": {

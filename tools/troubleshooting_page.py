@@ -47,6 +47,15 @@ TOPICS = (
         "Correct the option or the file that is named. `python -m addon --help` lists the options.",
     ),
     Topic(
+        "Checkpoints of frames",
+        (
+            "addon/checkpoints.py", "engine/render/checkpoint.py", "engine/render/checkpoint_file.py",
+            "engine/render/checkpointing.py",
+        ),
+        "The picture does not depend on them: a frame without one that fits begins anew. "
+        "[frames-that-go-on.md](frames-that-go-on.md) says what fits, and where they lie.",
+    ),
+    Topic(
         "Settings",
         (
             "addon/declared_settings.py", "addon/shared_settings.py", "addon/unsupported_settings.py",

@@ -32,8 +32,8 @@ from engine.cluster.encryption import (
 from engine.cluster.local import LocalWorkers
 from engine.cluster.place import Place
 from engine.cluster.pool import ClusterError
-from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, LOST, REFUSED, Answer, keep, trace
+from engine.runtime.source_version import source_version
 
 #: Time for sums to come [s].
 _TIMEOUT = 30.0

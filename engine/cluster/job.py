@@ -15,7 +15,8 @@ from engine.cluster.work import LOST, REFUSED, SUMS, Answer, Order, digest_of, p
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import Statistics
 from engine.render.film import Film
-from engine.render.render_loop import RenderLoop, RenderLoopJob
+from engine.render.loop_job import RenderLoopJob
+from engine.render.render_loop import RenderLoop
 from engine.render.report import Progress
 from engine.render.traced import TracedTiles
 from engine.scene.description import Notice
@@ -82,7 +83,7 @@ class ClusterJob(RenderLoopJob):
     @property
     def notices(self) -> list[Notice]:
         """What users should know of how it went."""
-        return [*self._notices, *self._loop.notices]
+        return [*self._notices, *super().notices]
 
     def follow(self, guidance: Guidance, arm: int) -> None:
         """Take what tasks go by from now on: those of the arm BRIDGE, or all others."""
@@ -211,7 +212,7 @@ class ClusterJob(RenderLoopJob):
         loop, task = self._loop, item.tasks[0]
         indices = tuple(task.tile for task in item.tasks)
         tiles = [loop.tiles[index] for index in indices]
-        arm_samples = task.arm_samples
+        arm_samples = loop.arm_samples(task)
         is_bridge = item.is_bridge
         weights = self._weights[is_bridge]
         if weights is not None:

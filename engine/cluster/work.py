@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from engine.cluster.version import source_version
 from engine.guiding.policy.guidance import Guidance
 from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.records.cache_records import CacheRecords, join_cache_records
@@ -27,6 +26,7 @@ from engine.render.batch import Statistics
 from engine.render.session import Session
 from engine.render.tiles import FrameTiles
 from engine.render.traced import Pixels, TracedTiles, split_records
+from engine.runtime.source_version import source_version
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout, allocate_tile
 from engine.state.lanes import RGB

@@ -24,6 +24,7 @@ import numpy as np
 
 from engine.guiding.models.residual import cached_noise, residual_noise
 from engine.render.film import Film
+from engine.render.loop_state import LooksState
 from engine.render.tiles import FrameTiles, Tile
 from engine.settings import RenderSettings
 
@@ -158,6 +159,25 @@ class ActivePixels:
         self._film, self._exposure = film, exposure
         self._is_active = np.ones(film.width * film.height, np.bool_)
         self._looked_at = 0
+
+    @property
+    def state(self) -> LooksState:
+        """What was found so far."""
+        if not self.has_looked:
+            return LooksState()
+        return LooksState(self._is_active.copy(), self._looked_at, self.expected_paths)
+
+    def resume(self, state: LooksState) -> None:
+        """Go on from what was found before the render was interrupted."""
+        if len(state.is_active):
+            self._is_active, self._looked_at, self.has_looked = state.is_active, state.pixels_looked_at, True
+            self.count, self.expected_paths = int(np.count_nonzero(self._is_active)), state.expected_paths
+            self.tiles = self._divide()
+
+    @property
+    def share(self) -> float | None:
+        """Of the pixels, that go on; None: nobody has looked."""
+        return self.count / len(self._is_active) if self.has_looked else None
 
     def is_due(self, samples: int) -> bool:
         """Whether to look at the picture after so many samples a pixel, of which iterations are no multiple of 16."""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from engine.guiding.policy.trial import ArmSamples
-from engine.render.schedule import PlainSchedule, Task
+from engine.render.schedule import Begin, PlainSchedule, Task
 from engine.state.columns import copy_of, rows_of
 from engine.state.film import FilmTile
 from engine.state.unit import BRIDGE, CURRENT, Unit
@@ -63,7 +63,7 @@ class Bridge:
 
     def begin(self, first: int, count: int, tile_count: int, weight: float) -> None:
         """Hand out so many samples of each tile from sample `first` on, and hold their sums until `let_go`."""
-        self._tasks, self._end = PlainSchedule(tile_count, first + count, first, count), first + count
+        self._tasks, self._end = PlainSchedule(tile_count, first + count, Begin(first, count)), first + count
         self._unfinished, self._held = set(range(tile_count)), []
         self._weight = weight
 

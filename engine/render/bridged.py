@@ -44,6 +44,11 @@ class BridgedIterations:
         return self._iterations.next_sample
 
     @property
+    def in_hand(self) -> tuple[int, int]:
+        """As of `Iterations`."""
+        return self._iterations.in_hand
+
+    @property
     def lacks_bridge(self) -> bool:
         """Whether only the iteration's last tasks are out, and nobody has thought of the bridge yet."""
         return self.bridged is None and not (self._iterations.has_task or self._iterations.is_over)

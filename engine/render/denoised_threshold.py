@@ -17,11 +17,13 @@ from __future__ import annotations
 
 import math
 import threading
+from dataclasses import replace
 
 import numpy as np
 
 from engine.render.denoising import Denoising, failure, variance_is_all
 from engine.render.film import Film
+from engine.render.loop_state import LooksState
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
 
@@ -167,6 +169,18 @@ class DenoisedThreshold:
         self.error: float | None = None
         self.looked_at = 0
         self.notices: list[Notice] = []
+
+    def state(self, found: LooksState) -> LooksState:
+        """What pixels' looks have found, with what was found here."""
+        due, error = -1 if math.isinf(self.due) else int(self.due), -1.0 if self.error is None else self.error
+        return replace(found, due=due, looks=self._looks, looked_at=self.looked_at, error=error)
+
+    def resume(self, state: LooksState) -> None:
+        """Go on from what was found before the render was interrupted."""
+        if state.looks:
+            self.due = state.due if state.due >= 0 else math.inf
+            self._looks, self.looked_at = state.looks, state.looked_at
+            self.error = state.error if state.error >= 0.0 else None
 
     def is_due(self, samples: int) -> bool:
         """Whether to look at the picture after so many samples a pixel."""

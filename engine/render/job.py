@@ -16,7 +16,9 @@ from engine.render.batch import Batch, Statistics
 from engine.render.compile_progress import FirstCalls
 from engine.render.film import Film
 from engine.render.looks import Looks
-from engine.render.render_loop import RenderLoop, RenderLoopJob
+from engine.render.loop_job import RenderLoopJob
+from engine.render.loop_state import LoopState
+from engine.render.render_loop import RenderLoop
 from engine.render.report import Progress
 from engine.render.request import RenderRequest
 from engine.render.schedule import Task
@@ -38,6 +40,12 @@ class AnyJob(Protocol):
     @property
     def film_lock(self) -> threading.Lock:
         """For whoever reads the film meanwhile."""
+
+    def holding_tasks(self) -> threading.Condition:
+        """Within it no task is handed out or finished."""
+
+    def state(self, *, is_over: bool) -> LoopState | None:
+        """How far it has come, for who holds tasks and film; None: a while later there will be an answer."""
 
     @property
     def learner(self) -> Learner | None:
@@ -148,7 +156,7 @@ class Job(RenderLoopJob):
     @property
     def is_preparing(self) -> bool:
         """Whether kernels are still being loaded, which cannot be interrupted where one must be compiled."""
-        return not self._loop.has_begun
+        return not self._loop.time_left.has_begun
 
     def join(self) -> None:
         """Wait for the threads to end; but once stopped, not for one that readies kernels and will notice later."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from engine.render.adaptive import ActivePixels
 from engine.render.denoised_threshold import DenoisedThreshold
 from engine.render.film import Film
+from engine.render.loop_state import LooksState
 from engine.render.request import RenderRequest
 from engine.render.tiles import FrameTiles
 from engine.scene.description import Notice
@@ -44,6 +45,15 @@ class Looks:
             self.active = ActivePixels(settings, film, exposure, tiles)
         if settings.denoised_threshold > 0.0:
             self.denoised = DenoisedThreshold(settings, film, exposure, thread_count)
+        for one in (self.active, self.denoised):
+            if one is not None:
+                one.resume(request.resumed.looks)
+
+    @property
+    def state(self) -> LooksState:
+        """What was found so far."""
+        found = LooksState() if self.active is None else self.active.state
+        return found if self.denoised is None else self.denoised.state(found)
 
     def look(self, samples: int, expect: Callable[[float], None]) -> str:
         """Look at the picture, if it is time to; one of `ENDINGS` if it is good enough, else ''.
@@ -51,7 +61,7 @@ class Looks:
         Parameters
         ----------
         samples : int
-            Samples of a pixel that has been active all along.
+            That every pixel has which has been active all along.
         expect : callable
             Is told how many paths are still to come, if that is known anew.
         """
@@ -59,8 +69,8 @@ class Looks:
         if active is not None and active.is_due(samples):
             active.look(samples)
             expect(active.expected_paths)
-            if active.count == 0:
-                return "NOISE_THRESHOLD"
+        if active is not None and active.count == 0:
+            return "NOISE_THRESHOLD"
         if denoised is not None and denoised.is_due(samples) and denoised.look(samples):
             return "DENOISED_THRESHOLD"
         return ""

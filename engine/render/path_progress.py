@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from engine.render.adaptive import ActivePixels
+from engine.render.loop_state import NOTHING_DONE, LoopState
 from engine.render.report import ENDINGS, Progress
 
 
@@ -15,11 +17,15 @@ class PathProgress:
         What there is to render.
     time_limit : float
         0: none [s].
+    resumed : LoopState
+        How far it had come before it was interrupted.
     """
 
-    def __init__(self, pixel_count: int, samples: int, time_limit: float) -> None:
-        self._samples, self._time_limit = samples, time_limit
-        self._finished, self._expected = 0, float(pixel_count * samples)
+    def __init__(
+        self, pixel_count: int, samples: int, time_limit: float, resumed: LoopState = NOTHING_DONE
+    ) -> None:
+        self._samples, self._time_limit, self._before = samples, time_limit, resumed.seconds
+        self._finished, self._expected = resumed.path_count, float(pixel_count * samples)
         self._sample = 0
         self._fraction = 0.0
 
@@ -33,36 +39,40 @@ class PathProgress:
         self._finished += path_count
         self._sample = max(self._sample, sample)
 
+    @property
+    def finished(self) -> int:
+        """Paths that are traced."""
+        return self._finished
+
     def expect(self, path_count: float) -> None:
         """Take how many are still to come."""
         self._expected = self._finished + path_count
 
-    def report(self, elapsed: float, rays: int, ended_by: str, message: str, share: float | None, *, is_known: bool,
-               counts_samples: bool) -> Progress:  # fmt: skip
-        """Where it stands now.
+    def report(
+        self, elapsed: float, rays: int, ended_by: str, message: str, active: ActivePixels | None
+    ) -> Progress:
+        """Where it stands now. With a noise threshold nobody knows how long it takes before the first look.
 
         Parameters
         ----------
         elapsed : float
             Since the beginning [s].
         rays : int
-            Traced so far.
+            Traced by this process so far.
         ended_by : str
             Of `ENDINGS`, once it is known.
         message : str
             While that is not known.
-        share : float or None
-            Of the pixels, that go on; None: all.
-        is_known : bool
-            Whether it is known how many paths are to come.
-        counts_samples : bool
-            Whether pixels have different numbers of samples, so that the fraction of paths does not tell them.
+        active : ActivePixels or None
+            Which pixels go on; None: all.
         """
+        share = None if active is None else active.share
         samples, limit = self._samples, self._time_limit
         fraction = min(self._finished / max(self._expected, 1.0), 1.0)
-        sample = self._sample if counts_samples else int(fraction * samples)
+        # Where pixels have different numbers of samples, the fraction of paths does not tell them.
+        sample = self._sample if active is not None else int(fraction * samples)
         remaining = None
-        if fraction > 0.0 and is_known:
+        if fraction > 0.0 and (active is None or share is not None):
             remaining = elapsed * (1.0 - fraction) / fraction
         if limit:
             remaining = min(max(limit - elapsed, 0.0), remaining if remaining is not None else limit)
@@ -70,4 +80,5 @@ class PathProgress:
         # What is expected after a look may be more than what was before.
         self._fraction = max(self._fraction, fraction)
         message = ENDINGS[ended_by] if ended_by else message
-        return Progress(self._fraction, sample, samples, elapsed, remaining, rays / max(elapsed, 1e-6), message, share)
+        speed = rays / max(elapsed - self._before, 1e-6)
+        return Progress(self._fraction, sample, samples, elapsed, remaining, speed, message, share)

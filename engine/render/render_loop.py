@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -27,21 +28,21 @@ from engine.render.bridge import Bridge, bridge_samples
 from engine.render.bridged import BridgedIterations
 from engine.render.film import Film
 from engine.render.looks import Looks
+from engine.render.loop_state import LoopState
 from engine.render.path_progress import PathProgress
-from engine.render.plain_schedules import plain_schedule
+from engine.render.plain_schedules import PlainPart
 from engine.render.report import Progress
 from engine.render.request import RenderRequest
 from engine.render.schedule import (
+    Begin,
     Iterations,
     Schedule,
-    Steps,
     Task,
     task_samples,
 )
 from engine.render.strata import StrataFilm, StrataSchedule
 from engine.render.tiles import FrameTiles, Tile, TrialTiles
 from engine.render.time_left import TimeLeft
-from engine.scene.description import Notice
 from engine.state.columns import rows_of
 from engine.state.film import FilmTile
 from engine.state.unit import ALL_STRATA, BRIDGE, CURRENT, PLAIN, Unit, UnitCosts
@@ -108,30 +109,35 @@ class RenderLoop:
     largest : int
         Pixels of the largest tile.
     looks : Looks
+    time_left : TimeLeft
+    paths : PathProgress
     """
 
     def __init__(
         self, request: RenderRequest, film: Film, thread_count: int, follow: Follow,
         light_clusters: npt.NDArray[np.bool_] | None = None,
     ) -> None:
-        frame, settings, samples = request.frame, request.settings, request.samples
-        self.film, self.settings, self.samples = film, settings, samples
+        frame, settings, resumed = request.frame, request.settings, request.resumed
+        self.film, self.settings, self.samples = film, settings, request.samples + resumed.skipped
         self._follow = follow
         self.film_lock, self.changed = threading.Lock(), threading.Condition()
-        self.ended_by, self.has_image = "", False
+        self.ended_by, self.has_image = resumed.ended_by, resumed.has_image
+        #: Whether somebody learns now, so that nobody may ask what was learned.
+        self._is_busy = False
         self.guidance: Guidance | None = None
         tiles = FrameTiles(frame)
         self.tiles: Sequence[Tile] = tiles
         self.strata = max(settings.strata, 1)
-        #: Of samples that lie in all of u.
-        self._whole = ALL_STRATA if self.strata > 1 else 0
         self.looks = Looks(request, film, tiles, thread_count)
         #: Which pixels go on, where there is a noise threshold.
         self._active = self.looks.active
-        self._time_left = TimeLeft(settings.time_limit)
+        whole = ALL_STRATA if self.strata > 1 else 0
+        self.time_left = TimeLeft(settings.time_limit, resumed.seconds)
+        self._plain = PlainPart(self.samples, self.looks, self.time_left, whole, resumed.skipped)
+        #: What iterations count samples from.
+        self._offset = resumed.samples + resumed.skipped
         self._schedule: Schedule
         self._iterations: BridgedIterations | None = None
-        self._steps: Steps | None = None
         self.largest, pixel_count = tiles.largest, tiles.pixel_count
         #: All pixels in other units, where guiding can be tried on a part of them.
         self._frame_tiles = tiles
@@ -140,18 +146,24 @@ class RenderLoop:
         tries_on_part = settings.is_guided and pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1
         self._trial_tiles = TrialTiles(frame) if tries_on_part else None
         trial_share = 1.0 if self._trial_tiles is None else self._trial_tiles.trial_pixels / pixel_count
-        self.learner: Learner | None = make_learner(
-            settings, thread_count, pixel_count, tiles.largest, request.learning,
+        left = replace(settings, samples=max(self.samples - self._offset, 1))
+        self.learner: Learner | None = None if self._offset >= self.samples else make_learner(
+            left, thread_count, pixel_count, tiles.largest, request.learning,
             light_clusters if settings.learns_lights else None, trial_share,
             has_media=film.layout.has_media and self.strata == 1,
         )
         if self.learner is not None:
-            strata = StrataSchedule(settings, self.strata) if self.strata > 1 else None
-            self._iterations = BridgedIterations(Iterations(samples, strata, self._time_left.fit), self._bridge)
+            if self._active is not None and self._active.has_looked:
+                self.tiles = self._active.tiles
+                self.learner.narrow(self._active.count, self._active.expected_paths)
+            strata = StrataSchedule(left, self.strata) if self.strata > 1 else None
+            iterations = Iterations(left.samples, strata, self.time_left.fit)
+            self._iterations = BridgedIterations(iterations, self._bridge)
             self._schedule = self._iterations
             self._iterations.begin(self.learner.arms, len(self.tiles))
         else:
-            self._go_on_plainly()
+            self._offset = 0
+            self._go_on_plainly(resumed.begin)
         self._units: dict[int, list[UnitRecords]] = {}
         #: Whether samples may be left unlearned from: not where what is learned outlives the render.
         self._bridges = request.learning.bridges(settings)
@@ -161,7 +173,7 @@ class RenderLoop:
         self._learned: Guidance | None = None
         self._rests = LearningRests(pixel_count, request.learning.rules)
         self._before = Statistics()
-        self._progress = PathProgress(pixel_count, samples, settings.time_limit)
+        self.paths = PathProgress(pixel_count, self.samples, settings.time_limit, resumed)
 
     # -- tasks --------------------------------------------------------------------------------------------------------
 
@@ -169,34 +181,26 @@ class RenderLoop:
         """Say what the first tasks go by."""
         if self.learner is not None:
             self._go_by(self.learner.first())
+        elif self._plain.is_between_steps and not self.ended_by:
+            # It was interrupted before somebody looked at the picture.
+            self.begin_next(self._before)
 
     def begin(self) -> None:
         """The first task is about to be traced: time runs from here on."""
-        self._time_left.begin()
+        self.time_left.begin()
         if self.learner is not None:
             self.learner.begin()
 
     @property
-    def has_begun(self) -> bool:
-        """Whether `begin` was called."""
-        return self._time_left.has_begun
-
-    @property
-    def elapsed(self) -> float:
-        """Time since `begin` [s]."""
-        return self._time_left.elapsed
-
-    @property
     def time_is_up(self) -> bool:
         """Whether a time limit is reached, and there is an image."""
-        limit = self.settings.time_limit
-        return bool(limit and self.has_image and self.elapsed >= limit)
+        return self.has_image and self.time_left.is_up
 
     @property
     def has_task(self) -> bool:
         """Whether there is something to hand out now. Once the time is up there is not."""
-        if self._schedule.has_task and self.time_is_up:
-            self.ended_by = "TIME_LIMIT"
+        if self._schedule.has_task and (self.time_is_up or self.ended_by):
+            self.ended_by = self.ended_by or "TIME_LIMIT"
             self._schedule.clear()
         return self._schedule.has_task
 
@@ -209,7 +213,12 @@ class RenderLoop:
 
     def unit(self, task: Task) -> Unit:
         """What there is to trace."""
-        return Unit(*self.tiles[task.tile], *task.arm_samples, task.stratum, self.strata, task.is_aside)
+        return Unit(*self.tiles[task.tile], *self.arm_samples(task), task.stratum, self.strata, task.is_aside)
+
+    def arm_samples(self, task: Task) -> ArmSamples:
+        """Which samples a task is of, counted from the film's first."""
+        first, count, arm = task.arm_samples
+        return ArmSamples(self._offset + first, count, arm)
 
     def finish(self, task: Task) -> bool:
         """Take note of a task that `keep` has taken; True if `begin_next` is to be called: there is no other task."""
@@ -235,9 +244,10 @@ class RenderLoop:
     ) -> None:
         """As `keep`, of alike tasks of several tiles (`is_alike`); rows of `sums` are of one unit after the other."""
         task, unit, learner = tasks[0], units[0], self.learner
+        self._plain.keep(tasks)
         for index, of_unit in enumerate(records or ()):
             self._units.setdefault(tasks[index].tile, []).append(of_unit)
-        self._progress.add(sum(one.path_count for one in units), unit.sample_first + unit.sample_count)
+        self.paths.add(sum(one.path_count for one in units), unit.sample_first + unit.sample_count)
         if unit.arm == BRIDGE:
             self._bridge.keep(units, sums)
             return
@@ -251,40 +261,16 @@ class RenderLoop:
         self.ended_by = self.ended_by or "SAMPLES"
         with self.film_lock:
             self._bridge.let_go()
-        return self.elapsed
-
-    @property
-    def has_paths(self) -> bool:
-        """Whether there is anything to show; it may be a part of the image."""
-        return self._progress.has_paths
+        return self.time_left.elapsed - self.time_left.before
 
     @property
     def has_all_pixels(self) -> bool:
         """Whether `tiles` are those of the whole frame (`FrameTiles`)."""
         return self.tiles is self._frame_tiles
 
-    @property
-    def notices(self) -> list[Notice]:
-        """What users should know of how it went."""
-        return [*(() if self.learner is None else self.learner.notices), *self.looks.notices]
-
     def progress(self, rays: int, message: str = "") -> Progress:
-        """Where it stands now. With a noise threshold nobody knows how long it takes before the first look.
-
-        Parameters
-        ----------
-        rays : int
-            Traced so far.
-        message : str
-            While it is not known how the render ends.
-        """
-        active = self._active
-        has_looked = active is not None and active.has_looked
-        share = active.count / (self.film.width * self.film.height) if active is not None and has_looked else None
-        return self._progress.report(
-            self.elapsed, rays, self.ended_by, message, share, is_known=active is None or has_looked,
-            counts_samples=active is not None,
-        )
+        """Where it stands now, with so many rays traced; `message` is for while nobody knows how the render ends."""
+        return self.paths.report(self.time_left.elapsed, rays, self.ended_by, message, self._active)
 
     # -- between iterations and steps ---------------------------------------------------------------------------------
 
@@ -308,28 +294,40 @@ class RenderLoop:
         if self._is_learning:
             self._finish_iteration(counted, is_stopped)
             return
-        steps, active = self._steps, self._active
+        steps, active = self._plain.steps, self._active
         assert steps is not None
         if steps.is_last or self._look(steps.next_sample):
             return
         with self.changed:
             self.tiles = self.tiles if active is None else active.tiles
-            steps.begin(len(self.tiles))
+            self._plain.begin_step(len(self.tiles))
 
     def _go_by(self, guidance: Guidance) -> None:
         self.guidance = guidance
         self._follow(guidance, CURRENT)
 
-    def _go_on_plainly(self, first: int = 0, count: int = 1) -> None:
-        """Render the rest unguided, from a sample on, in tasks of which the first has `count` samples."""
-        schedule = plain_schedule(
-            len(self.tiles), self.samples, self.looks, self._time_left, first, count, self._whole
-        )
-        self._schedule, self._steps = schedule, schedule if isinstance(schedule, Steps) else None
+    def _go_on_plainly(self, begin: Begin) -> None:
+        """Render the rest unguided."""
+        if self._active is not None:
+            self.tiles = self._active.tiles
+        self._schedule = self._plain.begin(len(self.tiles), begin)
+
+    def state(self, *, is_over: bool) -> LoopState | None:
+        """How far it has come, for who holds `changed` and `film_lock`; None: a while later there will be an answer.
+
+        `is_over`: whether nobody traces, learns or looks any more.
+        """
+        plain = self._plain.state(self.paths.finished, self.ended_by)
+        if self._is_learning and self._iterations is not None:
+            begun, end = self._iterations.in_hand
+            return None if self._is_busy else plain.anew(self._offset + begun, self._offset + end)
+        if self.learner is not None and len(plain.ends):
+            plain = plain.anew(int(plain.ends.min()), int(plain.ends.max()))
+        return None if self._plain.is_between_steps and not is_over else plain
 
     def _look(self, samples: int) -> bool:
         """Look at the picture, if it is time to; True if it is good enough."""
-        ending = self.looks.look(samples, self._progress.expect)
+        ending = self.looks.look(self._offset + samples - self._plain.skipped, self.paths.expect)
         self.ended_by = ending or self.ended_by
         return bool(ending)
 
@@ -338,7 +336,7 @@ class RenderLoop:
         learner, iterations = self.learner, self._iterations
         assert learner is not None and iterations is not None
         samples = iterations.next_sample
-        following = iterations.plan(self.elapsed)
+        following = iterations.plan(self.time_left.elapsed)
         time_is_up = self.time_is_up
         if following is not None and time_is_up:
             self.ended_by = "TIME_LIMIT"
@@ -357,10 +355,11 @@ class RenderLoop:
         if self._active is not None:
             tiles = self._active.tiles
             learner.narrow(self._active.count, self._active.expected_paths)
-        learns = not has_rested and (learner.wants_last or not self._time_left.is_short(*following))
+        learns = not has_rested and (learner.wants_last or not self.time_left.is_short(*following))
         if learns:
             assert self.guidance is not None
             with self.changed:
+                self._is_busy = True
                 bridged = self._begin_bridge(following, tiles)
                 self.changed.notify_all()
             following = following[0] + bridged, following[1] - bridged
@@ -369,6 +368,7 @@ class RenderLoop:
                 costs, following, iterations.is_whole,
             )
             self._go_by(learner.learn(traced))
+            self._is_busy = False
             with self.film_lock:
                 self._bridge.let_go()
         with self.changed:
@@ -381,10 +381,10 @@ class RenderLoop:
         assert iterations is not None and learner is not None
         if self._active is not None or self._learned is not None or not iterations.lacks_bridge:
             return
-        if self.looks.wait_for(iterations.next_sample):
+        if self.looks.wait_for(self._offset + iterations.next_sample - self._plain.skipped):
             return
-        following = iterations.plan(self.elapsed)
-        if following is not None and (learner.wants_last or not self._time_left.is_short(*following)):
+        following = iterations.plan(self.time_left.elapsed)
+        if following is not None and (learner.wants_last or not self.time_left.is_short(*following)):
             self._begin_bridge(following, self._frame_tiles)
 
     def _begin_bridge(self, following: tuple[int, int], tiles: Sequence[Tile]) -> int:
@@ -416,7 +416,8 @@ class RenderLoop:
         if learner.is_over:
             # Nobody waits for anybody from here on, but for a look at the picture.
             self.tiles = tiles
-            self._go_on_plainly(following[0], task_samples(following[0]))
+            first, self._offset = self._offset + following[0], 0
+            self._go_on_plainly(Begin(first, task_samples(first)))
             return
         arms = self._arms_of(*following)
         other_arms: Sequence[ArmSamples] = ()
@@ -437,54 +438,9 @@ class RenderLoop:
         active, guidance = self._active, self.guidance
         assert guidance is not None
         rests = active is not None and active.has_looked and self._rests.take(active.count, count)
-        if rests or self._time_left.is_short(first, count):
+        if rests or self.time_left.is_short(first, count):
             self._learned = guidance
             self._go_by(guidance.without_records())
         if rested is None and self._learned is None:
             return self.learner.arms
         return [ArmSamples(first, count, CURRENT)]
-
-
-class RenderLoopJob:
-    """What a session asks of a job and the job's loop knows, whoever traces."""
-
-    _loop: RenderLoop
-
-    @property
-    def film_lock(self) -> threading.Lock:
-        """For whoever reads the film meanwhile."""
-        return self._loop.film_lock
-
-    @property
-    def notices(self) -> list[Notice]:
-        """What users should know of how it went."""
-        return self._loop.notices
-
-    @property
-    def has_paths(self) -> bool:
-        """Whether there is anything to show; it may be a part of the image."""
-        return self._loop.has_paths
-
-    @property
-    def learner(self) -> Learner | None:
-        """What learns."""
-        return self._loop.learner
-
-    @property
-    def guidance(self) -> Guidance | None:
-        """What the newest iteration goes by; None of a render that learns nothing."""
-        return self._loop.guidance
-
-    @property
-    def looks(self) -> Looks:
-        """Who looks at the picture meanwhile."""
-        return self._loop.looks
-
-    @property
-    def ended_by(self) -> str:
-        """Of `ENDINGS`, once it is known."""
-        return self._loop.ended_by
-
-    @ended_by.setter
-    def ended_by(self, ending: str) -> None:
-        self._loop.ended_by = ending

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from engine.guiding.policy.request import NOTHING_ASKED, LearningRequest
 from engine.render.film import Film
+from engine.render.loop_state import NOTHING_DONE, LoopState
 from engine.render.strata import StrataFilm
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
@@ -22,6 +23,7 @@ class RenderRequest:
     layout : FilmLayout
     learning : LearningRequest, without a learned field that does not fit
     first_samples : int or None, where to stop, before the number of the settings
+    resumed : LoopState, how far the render had come before it was interrupted
     """
 
     frame: Frame
@@ -29,12 +31,17 @@ class RenderRequest:
     layout: FilmLayout = PLAIN_LAYOUT
     learning: LearningRequest = NOTHING_ASKED
     first_samples: int | None = None
+    resumed: LoopState = NOTHING_DONE
 
     @property
     def samples(self) -> int:
         """Where to stop."""
         most = self.settings.samples
         return most if self.first_samples is None else min(self.first_samples, most)
+
+    def begin(self) -> tuple[RenderRequest, Film]:
+        """The same, and an empty film."""
+        return self, self.make_film()
 
     def make_film(self) -> Film:
         """An empty film of the frame's region."""

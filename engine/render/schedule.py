@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import Protocol
 
 from engine.guiding.policy.iterations import iteration_lengths
@@ -76,6 +76,28 @@ def _with_last_divided(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
+class Begin:
+    """Where an unguided schedule begins, or a render is taken up that was interrupted in it.
+
+    first, count : int, its first sample, and samples of each tile's first task
+    ends : sequence of int or None, samples that each tile has by now; None: `first` each
+    """
+
+    first: int = 0
+    count: int = 1
+    ends: Sequence[int] | None = None
+
+
+#: Of a whole render.
+START = Begin()
+
+
+def _left(ranges: list[tuple[int, int]], end: int) -> list[tuple[int, int]]:
+    """What of a tile's tasks lies behind sample `end`."""
+    return [(max(first, end), first + count - max(first, end)) for first, count in ranges if first + count > end]
+
+
+@dataclass(frozen=True)
 class Task:
     """A tile by a range of samples.
 
@@ -131,20 +153,21 @@ class PlainSchedule:
     ----------
     tile_count : int
     samples : int
-    first, count : int
-        Sample to begin with, and samples of the first task.
+    begin : Begin
     stratum : int
     """
 
-    def __init__(self, tile_count: int, samples: int, first: int = 0, count: int = 1, stratum: int = 0) -> None:
-        ranges = sample_ranges(samples, first, count, LEAST_TASK_SAMPLES)
+    def __init__(self, tile_count: int, samples: int, begin: Begin = START, stratum: int = 0) -> None:
+        ranges = sample_ranges(samples, begin.first, begin.count, LEAST_TASK_SAMPLES)
         divided_count = min(_LAST_TILES, tile_count) if ranges else 0
         #: By tile.
         self._ranges = [ranges] * (tile_count - divided_count)
         if divided_count:
             self._ranges += [_with_last_divided(ranges)] * divided_count
+        if begin.ends is not None:
+            self._ranges = [_left(of_tile, end) for of_tile, end in zip(self._ranges, begin.ends, strict=True)]
         self._stratum = stratum
-        self._waiting = deque((tile, 0) for tile in range(tile_count) if ranges)
+        self._waiting = deque((tile, 0) for tile in range(tile_count) if self._ranges[tile])
 
     @property
     def has_task(self) -> bool:
@@ -180,24 +203,33 @@ class PacedSchedule:
     samples : int
     pace : callable (wanted, first) -> int
         Samples of the pass that begins now, of so many that are wanted, from a sample on.
-    first, count : int
-        Sample to begin with, and samples of the first task.
+    begin : Begin
     stratum : int
     """
 
     def __init__(
-        self, tile_count: int, samples: int, pace: Callable[[int, int], int], first: int = 0, count: int = 1,
-        stratum: int = 0,
+        self, tile_count: int, samples: int, pace: Callable[[int, int], int], begin: Begin = START, stratum: int = 0
     ) -> None:
         self._samples, self._pace, self._stratum = samples, pace, stratum
-        self._next, self._count = first, count
+        self._next, self._count = begin.first, begin.count
         #: Of the passes so far.
         self._ranges: list[tuple[int, int]] = []
+        #: Samples that tiles have of the first pass already.
+        self._ends: Sequence[int] = [begin.first] * tile_count if begin.ends is None else begin.ends
+        is_behind = min(self._ends, default=0) < max(self._ends, default=0)
+        if begin.ends is not None and tile_count:
+            # A pass in which all come as far as the first has.
+            least, self._next = min(self._ends), max(self._ends)
+            self._count = max(task_samples(self._next), LEAST_TASK_SAMPLES) if self._next else 1
+            self._ranges = [(least, self._next - least)] if is_behind else []
         #: Whether the last of them begins when all tiles are there.
         self._waits_for_all = False
         #: Steps and tiles, a heap.
-        self._waiting = [(0, tile) for tile in range(tile_count) if first < samples]
-        self._tile_count = tile_count
+        self._waiting = [
+            (int(is_behind and end == self._next), tile) for tile, end in enumerate(self._ends) if end < samples
+        ]
+        heapify(self._waiting)
+        self._tile_count = len(self._waiting)
 
     @property
     def has_task(self) -> bool:
@@ -226,6 +258,8 @@ class PacedSchedule:
     def take(self) -> Task:
         step, tile = heappop(self._waiting)
         first, count = self._ranges[step]
+        if step == 0:
+            (first, count), = _left([(first, count)], self._ends[tile])
         return Task(tile, ArmSamples(first, count, CURRENT), self._stratum, first, first == 0, step)
 
     def clear(self) -> None:
@@ -245,32 +279,42 @@ class Steps:
     samples : int
     next_look : callable (samples a pixel so far) -> int
         Samples a pixel at the end of the step that begins there; more than `samples` are never taken.
-    first, count : int
-        Sample to begin with, and samples of the first task.
+    begin : Begin
+        Of the first step.
     stratum : int
     least : int
         Samples that later steps' first tasks have at least.
     """
 
     def __init__(
-        self, samples: int, next_look: Callable[[int], int], first: int = 0, count: int = 1, stratum: int = 0,
+        self, samples: int, next_look: Callable[[int], int], begin: Begin = START, stratum: int = 0,
         least: int = SHORTEST_PASS,
     ) -> None:
         self._samples = samples
         self._next_look = next_look
-        self._count = count
         self._stratum = stratum
         self._least = least
         self._unfinished = 0
         self._tasks = PlainSchedule(0, 0)
-        self.next_sample = first
+        #: The step in work, or the first before it begins.
+        self.begun = begin
+        self._has_begun = False
+        self.next_sample = begin.first
 
     def begin(self, tile_count: int) -> None:
         """Hand out the next step."""
-        first, self.next_sample = self.next_sample, min(self._next_look(self.next_sample), self._samples)
-        self._tasks = PlainSchedule(tile_count, self.next_sample, first, self._count, self._stratum)
-        self._count = max(task_samples(self.next_sample), self._least)
-        self._unfinished = tile_count
+        if self._has_begun:
+            self.begun = Begin(self.next_sample, max(task_samples(self.next_sample), self._least))
+        self._has_begun = True
+        first, ends = self.next_sample, self.begun.ends
+        self.next_sample = max(min(self._next_look(first), self._samples), max(ends or (0,)))
+        self._tasks = PlainSchedule(tile_count, self.next_sample, self.begun, self._stratum)
+        self._unfinished = tile_count if ends is None else sum(end < self.next_sample for end in ends)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all of the step that began last is finished."""
+        return not self._unfinished
 
     @property
     def is_last(self) -> bool:
@@ -385,6 +429,12 @@ class Iterations:
     def next_sample(self) -> int:
         """Samples a pixel by the end of the iteration."""
         return sum(self._ranges[self._step])
+
+    @property
+    def in_hand(self) -> tuple[int, int]:
+        """Samples that every pixel has, and the end of what may be out: that of the iteration that is planned."""
+        first, count = self._ranges[self._step]
+        return first + (count if self.is_over else 0), sum(self._ranges[max(self._planned, self._step)])
 
     @property
     def is_over(self) -> bool:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import os
 import threading
@@ -24,6 +23,7 @@ from engine.guiding.policy.trial import ArmSamples
 from engine.guiding.saved.learned import LearnedField
 from engine.render.afterwards import Afterwards
 from engine.render.batch import Statistics
+from engine.render.checkpointing import Checkpointing
 from engine.render.compile_progress import FirstCalls
 from engine.render.denoising import Denoising
 from engine.render.film import Film, Images, PassImages
@@ -36,6 +36,7 @@ from engine.render.request import RenderRequest
 from engine.render.resolution import Resolution, is_spectral, resolve
 from engine.render.traced import Pixels, TracedTiles, trace_tiles
 from engine.render.tracer import Tracer
+from engine.render.watch import watch
 from engine.runtime import heap
 from engine.runtime.kernel_cache import describe_kernels
 from engine.runtime.kernel_cache import problem as cache_problem
@@ -126,6 +127,8 @@ class Session:
         self._light_digest = ""
         self._build_seconds = 0.0
         self._compile_seconds = 0.0
+        #: Of the next render; None: nothing of it is kept.
+        self.checkpointing: Checkpointing | None = None
 
     @property
     def thread_count(self) -> int:
@@ -313,7 +316,7 @@ class Session:
         RuntimeError
             If no scene is loaded.
         ValueError
-            If the machine cannot hold the picture's passes.
+            If the machine cannot hold the picture's passes, or a checkpoint does not fit that is to (`Checkpointing`).
         """
         if self.scene is None:
             raise RuntimeError("load a scene before rendering")
@@ -327,7 +330,8 @@ class Session:
         settings, frame = request.settings, request.frame
         afterwards = Afterwards()
         check_film(frame, Film(1, 1, request.layout).nbytes, _PASS_CHANNELS * len(names))
-        film = request.make_film()
+        begin = RenderRequest.begin if self.checkpointing is None else self.checkpointing.begin
+        request, film = begin(request)
         job = self._job(scene, request, film, ray_observer)
 
         def images(names: frozenset[str]) -> Images:
@@ -344,17 +348,8 @@ class Session:
             return should_cancel is not None and should_cancel()
 
         try:
-            _watch(job, lambda: images(names), on_progress, on_image, is_to_stop, pace)
-        except BaseException:
-            job.stop()
-            job.join()
-            if on_image is not None and job.has_paths:
-                # What there is by now may be the only picture that there will be.
-                with contextlib.suppress(Exception):
-                    on_image(images(names))
-            raise
+            watch(job, lambda: images(names), on_progress, on_image, is_to_stop, pace, self.checkpointing)
         finally:
-            job.join()
             if job.is_preparing:
                 # A thread may still be at it.
                 self._tracer = None
@@ -477,28 +472,3 @@ class Session:
             denoised_error=job.looks.denoised_error,
             denoised_look=job.looks.denoised_look,
         )
-
-
-def _watch(
-    job: AnyJob, images: Callable[[], Images], on_progress: Callable[[Progress], None] | None,
-    on_image: Callable[[Images], None] | None, should_cancel: Callable[[], bool] | None, pace: Pace,
-) -> None:
-    """Start a job and tell how it goes until it is over: images at the pace asked for."""
-    started = time.perf_counter()
-    image_count = 0
-    next_image = pace.due(0, 0.0)
-    job.start()
-    while not job.wait(pace.poll_seconds):
-        elapsed = time.perf_counter() - started
-        if should_cancel is not None and should_cancel():
-            job.ended_by = "CANCEL"
-            job.stop()
-            if job.is_preparing:
-                break
-            continue
-        if on_progress is not None:
-            on_progress(job.progress())
-        if on_image is not None and job.has_paths and elapsed >= next_image:
-            on_image(images())
-            image_count += 1
-            next_image = pace.due(image_count, time.perf_counter() - started)

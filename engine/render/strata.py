@@ -103,7 +103,7 @@ class StrataFilm(Film):
         else:
             self.by_stratum.merge(pixels + self._first[stratum], tile, weight)
         self._keep_first(pixels, tile)
-        self._combine(pixels)
+        self.combine(pixels)
         return tile
 
     def _by_pixel(self, tile: FilmTile, pixel_count: int) -> FilmTile:
@@ -125,7 +125,7 @@ class StrataFilm(Film):
             columns[name] = np.ascontiguousarray(values)
         return tile._replace(**columns)
 
-    def _combine(self, pixels: np.ndarray) -> None:
+    def combine(self, pixels: np.ndarray) -> None:
         """Sums of pixels from those of their strata: each stratum that has samples counts the same."""
         rows = self._first[:, None] + pixels
         factors: dict[str, np.ndarray] = {}

@@ -22,13 +22,15 @@ class TimeLeft:
     ----------
     limit : float [s]
         Limit of the whole render; 0: there is none.
+    before : float [s]
+        Time that it has taken before it was interrupted.
     """
 
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
+    def __init__(self, limit: float, before: float = 0.0) -> None:
+        self._limit, self.before = limit, before
         self._start: float | None = None
         #: Samples and time at the begin of the last pass.
-        self._began = (0, 0.0)
+        self._began = (0, before)
         self._seconds_per_sample = 0.0
 
     @property
@@ -36,9 +38,14 @@ class TimeLeft:
         """Whether there is a limit."""
         return self._limit > 0.0
 
+    @property
+    def is_up(self) -> bool:
+        """Whether the limit is reached."""
+        return self.is_limited and self.elapsed >= self._limit
+
     def begin(self) -> None:
         """Time runs from here on."""
-        self._start = time.perf_counter()
+        self._start = time.perf_counter() - self.before
 
     @property
     def has_begun(self) -> bool:
@@ -47,8 +54,8 @@ class TimeLeft:
 
     @property
     def elapsed(self) -> float:
-        """Time since `begin` [s]."""
-        return 0.0 if self._start is None else time.perf_counter() - self._start
+        """Time since `begin`, with what was before [s]."""
+        return self.before if self._start is None else time.perf_counter() - self._start
 
     def fit(self, wanted: int, first: int) -> int:
         """Samples of the pass that begins now.

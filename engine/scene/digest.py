@@ -74,6 +74,9 @@ def content_digest(value: Any, left_out: Collection[str] = ()) -> str:
             for part in item:
                 add(part)
             digest.update(b")")
+        elif isinstance(item, frozenset) and len(item) > 1:
+            # The order of sets of texts is another one in each process.
+            digest.update(f"frozenset({{{', '.join(sorted(map(repr, item)))}}});".encode())
         else:
             digest.update(repr(item).encode())
             digest.update(b";")
@@ -104,3 +107,12 @@ def light_digest(description: SceneDescription) -> str:
 def camera_digest(description: SceneDescription) -> str:
     """A digest of where the camera is and what it sees."""
     return content_digest(description.camera)
+
+
+def scene_digest(description: SceneDescription) -> str:
+    """A digest of all that a picture depends on besides the settings: the pixels of images, the camera and the frame.
+
+    Where two descriptions have the same, the same settings make the same picture of them.
+    """
+    # Keys may be numbers that start anew with every export; users are for messages, and folders where pixels lie.
+    return content_digest(description, ("key", "user", "folder", "notices"))

@@ -165,3 +165,18 @@ def test_addresses_of_clusters(address: str) -> None:
 def test_what_is_no_address_of_a_cluster(address: str) -> None:
     with pytest.raises(CommandLineError, match=r"--cluster"):
         parse_arguments(["--cluster", address])
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("--checkpoint -1", "'-1' is no number of seconds from 0 to 86400"),
+        ("--checkpoint nan", "'nan' is no number of seconds"),
+        ("--add-samples 0", "'0' is no whole number from 1"),
+        ("--merge a.exr --keep-film", "--merge makes one picture and no film: leave --keep-film out"),
+        ("--add-samples 8 --merge a.exr", "leave --add-samples out"),
+    ],
+)
+def test_checkpoints_that_make_no_sense_are_refused(line: str, message: str) -> None:
+    with pytest.raises(CommandLineError, match=re.escape(message)):
+        parse_arguments(line.split())

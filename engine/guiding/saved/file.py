@@ -15,17 +15,13 @@ programs need not write one.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import json
 import math
-import os
-import secrets
-import time
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -36,6 +32,7 @@ from engine.guiding.models.regions import RegionModels
 from engine.guiding.saved.learned import VERDICTS, LearnedField
 from engine.methods import METHODS, TRAINED_PREDICTORS
 from engine.runtime.plain_files import read_plain
+from engine.runtime.whole_files import write_whole
 from engine.settings import RenderSettings
 
 #: Ends names of files.
@@ -56,9 +53,6 @@ _TEXTS = ("light_digest", "rung", "verdict")
 _NUMBERS = ("efficiency", "samples", "records_per_path", "ray_count", "variance", "brightness")
 #: Characters of the digest at the end.
 _SEAL_SIZE = 64
-#: Another program may hold the target open for a moment, on Windows [s].
-_PATIENCE = 2.0
-_NAP = 0.05
 
 
 class FieldFileError(ValueError):
@@ -75,39 +69,22 @@ def save_field(path: Path, learned: LearnedField) -> None:
     """
     if path.exists() and not path.is_file():
         raise FieldFileError(f"{path} cannot be written (it is no plain file): choose another name")
-    data = _packed(learned)
-    beside = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+    data = packed_field(learned)
     try:
-        with beside.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        _replace(beside, path)
+        write_whole(path, lambda file: _write(file, data))
     except OSError as error:
         raise FieldFileError(
             f"{path} cannot be written ({error.strerror or error}): choose a folder that exists, that you may write to"
             " and that has room"
         ) from error
-    finally:
-        # A file system that is read-only refuses this too, whether or not there is such a file.
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
 
 
-def _replace(source: Path, target: Path) -> None:
-    """Put a file in its place."""
-    deadline = time.monotonic() + _PATIENCE
-    while True:
-        try:
-            os.replace(source, target)
-            return
-        except PermissionError:
-            if os.name != "nt" or time.monotonic() >= deadline:
-                raise
-            time.sleep(_NAP)
+def _write(file: IO[bytes], data: bytes) -> None:
+    file.write(data)
 
 
-def _packed(learned: LearnedField) -> bytes:
+def packed_field(learned: LearnedField) -> bytes:
+    """What a file of it holds."""
     facts = {name: getattr(learned, name) for name in (*_TEXTS, *_NUMBERS)}
     arrays = {name: array.astype(array.dtype.newbyteorder("<"), copy=False) for name, array in learned.state.items()}
     described = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
@@ -148,7 +125,7 @@ def load_field(path: Path) -> LearnedField:
         ) from error
     is_ours = _MANIFEST.encode() in data[: 2 * len(_MANIFEST) + 30]
     try:
-        return _unpacked(path, data)
+        return unpacked_field(path, data)
     except FieldFileError:
         raise
     except Exception as error:
@@ -169,7 +146,8 @@ def _too_large(path: Path, size: int) -> str:
     )
 
 
-def _unpacked(path: Path, data: bytes) -> LearnedField:
+def unpacked_field(path: Path, data: bytes) -> LearnedField:
+    """The field of which a file holds this; what is damaged may raise anything."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         unpacked = sum(entry.file_size for entry in archive.infolist())
         if unpacked > MOST_BYTES:

@@ -15,13 +15,13 @@ import pytest
 from engine.cluster.job import ClusterJob
 from engine.cluster.pool import ClusterError
 from engine.cluster.ranges import RANGE_SECONDS, RANGES_PER_WORKER, RangeCutter, tiles_in_range
-from engine.cluster.version import source_version
 from engine.cluster.work import REFUSED, SUMS, Answer, pack_traced, trace
 from engine.render.film import Film
 from engine.render.render_loop import RenderLoop
 from engine.render.request import RenderRequest
 from engine.render.tiles import FrameTiles
 from engine.render.traced import TracedTiles
+from engine.runtime.source_version import source_version
 from engine.scene.description import Frame
 from engine.settings import RenderSettings
 from engine.state.film import allocate_tile

@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 
 from engine.cluster.session import ClusterSession
-from engine.cluster.version import source_version
 from engine.cluster.work import FAILED, SUMS, Answer, trace, unpack_traced
+from engine.render.checkpointing import Checkpointing, CheckpointPlan
 from engine.render.session import Session
+from engine.runtime.source_version import source_version
 from engine.scene.description import Mesh
+from engine.scene.digest import scene_digest
 from engine.scene.rounds import ROUND, Rounds
 from engine.settings import RenderSettings
 from tests.helpers.fur_scenes import fur_on_skin
@@ -105,6 +107,27 @@ def test_the_picture_is_one_process_s(changes):
         assert is_same(result, wanted)
         assert result.report.sample_count == wanted.report.sample_count
         assert result.report.guiding.lines[1:] == wanted.report.guiding.lines[1:]
+
+
+@pytest.mark.parametrize("changes", [{"guiding_method": "VMM"}, {"guiding_method": "OFF", "roulette": "THROUGHPUT"}])
+def test_what_one_process_has_begun_goes_on_the_same(changes, tmp_path):
+    settings = RenderSettings(threads=1, seed=3, samples=40, **changes)
+    plan = CheckpointPlan(tmp_path / "x", scene_digest(SCENE), settings.seed, keeps=True)
+    notices = []
+
+    def go_on(session):
+        session.load(SCENE)
+        session.checkpointing = Checkpointing(replace(plan, resumes=True, keeps=False), notices.append)
+        return session.render(passes=PASSES)
+
+    begun = Session(replace(settings, deterministic=True))
+    begun.load(SCENE)
+    begun.checkpointing = Checkpointing(plan, notices.append)
+    begun.render(passes=PASSES, samples=16)
+    wanted = go_on(begun)
+    result = go_on(ClusterSession(settings, WorkersHere(3)))
+    assert is_same(result, wanted) and not notices
+    assert result.report.sample_count == wanted.report.sample_count == 40
 
 
 def test_hair_and_light_below_surfaces_are_one_process_s():

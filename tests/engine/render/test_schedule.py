@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from engine.guiding.policy.trial import ArmSamples, compared_arms
-from engine.render.schedule import Iterations, PacedSchedule, PlainSchedule, Schedule, Steps, Task
+from engine.render.schedule import Begin, Iterations, PacedSchedule, PlainSchedule, Schedule, Steps, Task
 from engine.render.strata import StrataSchedule
 from engine.settings import RenderSettings
 from engine.state.unit import ALL_STRATA, CHALLENGER, CURRENT, PLAIN
@@ -170,7 +170,7 @@ def test_a_render_that_gives_guiding_up_goes_on_without_waiting(workers: int) ->
         following = iterations.plan(0.0)
         assert following is not None
         if following[0] >= 15:
-            return PlainSchedule(TILES, samples, following[0], 2)
+            return PlainSchedule(TILES, samples, Begin(following[0], 2))
         iterations.begin([ArmSamples(*following, CURRENT)], TILES)
         return iterations
 

@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from copy import deepcopy
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +16,7 @@ import pytest
 from engine.scene.description import Light, Link, Node, NodeGraph
 from engine.scene.digest import content_digest
 
+ROOT = Path(__file__).resolve().parents[3]
 COUNT = 300
 #: Of a light, another value for each field.
 OTHERS = {
@@ -43,6 +48,25 @@ def test_every_field_counts(name):
     other = OTHERS[name] if name in OTHERS else not before if isinstance(before, bool) else before + 0.25
     setattr(changed[123], name, other)
     assert content_digest(changed) != content_digest(lights())
+
+
+def test_sets_of_texts_have_one_digest_in_all_processes():
+    """Their order in memory goes by the seed of hashes."""
+    code = (
+        "from engine.scene.description import Node; from engine.scene.digest import content_digest;"
+        "print(content_digest(Node('A', 'a', changed=frozenset('abcdefgh'))), *frozenset('abcdefgh'))"
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, text=True,
+            cwd=ROOT, check=True,
+        ).stdout.split(maxsplit=1)
+        for seed in ("1", "2")
+    ]  # fmt: skip
+    assert said[0][1] != said[1][1], "the sets are to be in another order"
+    assert said[0][0] == said[1][0]
+    other = Node("A", "a", changed=frozenset("abcdefg"))
+    assert content_digest(other) != said[0][0]
 
 
 def test_what_is_left_out_does_not_count():
