@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import denoise_over_time, figures, freestyle, material_preview, passes, sequence
+from . import denoise_over_time, figures, freestyle, light_mix_picture, material_preview, passes, sequence
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
-from .progress import TerminalBar, status_line
+from .progress import TerminalBar, layer_count, place_of, status_line, total_fraction
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
 from .unsupported_settings import unsupported_settings
@@ -197,7 +197,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._export_cache = ExportCache()
         views = [view.name for view in scene.render.views if view.use] if scene.render.use_multiview else [""]
         if not bpy.app.background:
-            self.update_stats("", f"{_place(depsgraph)} | Exporting the scene")
+            self.update_stats("", f"{place_of(depsgraph)} | Exporting the scene")
         pending = []
         try:
             for view in views:
@@ -274,12 +274,12 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         from engine.render.report import peak_memory
 
         bar = TerminalBar() if bpy.app.background else None
-        place = _place(depsgraph, view)
+        place = place_of(depsgraph, view)
         shown = freestyle.PASS_NAME if self._draws_strokes else depsgraph.view_layer_eval.name
         title = f"Frame {depsgraph.scene.frame_current} {shown}"
 
         def on_progress(progress: Any) -> None:
-            fraction = self._total_fraction(depsgraph, progress.fraction)
+            fraction = total_fraction(depsgraph.scene, self._layers_done, progress.fraction)
             self.update_progress(fraction)
             if waiting is not None:
                 waiting.update(progress)
@@ -349,7 +349,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             cancelled = report.cancelled
             if cancelled and not report.sample_count:
                 raise _NothingRendered
-            self._write(target.layers[0], view, wanted, result.passes)
+            kept = light_mix_picture.NotedPasses(result.passes, depsgraph.view_layer_eval)
+            self._write(target.layers[0], view, wanted, kept)
             # With it the film goes, before Blender makes a copy of its own.
             del result
             keep = self._has_picture = True
@@ -365,6 +366,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         for doing, work in (
             ("keeping what was learned", lambda: self._show(self._fields.take(learned))),
             ("saying how the render went", lambda: self._report_result(depsgraph, report)),
+            ("keeping light groups", lambda: light_mix_picture.keep(self, depsgraph, view, description, kept)),
             ("naming what is in mattes", lambda: figures.stamp_mattes(self, depsgraph.view_layer_eval, description)),
         ):
             self._attempt(doing, work, "the picture is whole")
@@ -384,7 +386,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
     def _is_only_picture(self, depsgraph: bpy.types.Depsgraph) -> bool:
         """Whether what is exported serves one picture only: Blender makes a new engine for the next frame."""
         render = depsgraph.scene.render
-        is_single = not render.use_multiview and _layer_count(depsgraph.scene) == 1
+        is_single = not render.use_multiview and layer_count(depsgraph.scene) == 1
         return is_single and not render.use_persistent_data and self._plan is None
 
     # -- telling the user ---------------------------------------------------------------------------------------------
@@ -505,20 +507,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _should_cancel(self) -> bool:
         return self.test_break() or any(hook() for hook in cancel_hooks)
-
-    def _total_fraction(self, depsgraph: bpy.types.Depsgraph, fraction: float) -> float:
-        """Progress over all view layers of the frame."""
-        return min((self._layers_done + fraction) / max(_layer_count(depsgraph.scene), 1), 1.0)
-
-
-def _layer_count(scene: bpy.types.Scene) -> int:
-    """View layers that a render of the scene has."""
-    return 1 if scene.render.use_single_layer else sum(layer.use for layer in scene.view_layers)
-
-
-def _place(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:
-    """Scene, view layer and, in stereo, view, as Cycles names them."""
-    return ", ".join(name for name in (depsgraph.scene.name, depsgraph.view_layer_eval.name, view) if name)
 
 
 @bpy.app.handlers.persistent

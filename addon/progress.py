@@ -6,9 +6,12 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from . import console
+
+if TYPE_CHECKING:
+    import bpy
 
 _BAR_WIDTH = 24
 
@@ -28,6 +31,21 @@ def format_count(value: float) -> str:
         if value >= limit:
             return f"{value / limit:.3g}{suffix}"
     return f"{value:.0f}"
+
+
+def layer_count(scene: bpy.types.Scene) -> int:
+    """View layers that a render of the scene has."""
+    return 1 if scene.render.use_single_layer else sum(layer.use for layer in scene.view_layers)
+
+
+def place_of(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:
+    """Scene, view layer and, in stereo, view, as Cycles names them."""
+    return ", ".join(name for name in (depsgraph.scene.name, depsgraph.view_layer_eval.name, view) if name)
+
+
+def total_fraction(scene: bpy.types.Scene, layers_done: int, fraction: float) -> float:
+    """Progress over all view layers of a frame, of which one is done to `fraction`."""
+    return min((layers_done + fraction) / max(layer_count(scene), 1), 1.0)
 
 
 def _clock(seconds: float) -> str:

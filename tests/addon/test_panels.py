@@ -56,6 +56,9 @@ class Layout:
         self.operators.append(name)
         return SimpleNamespace()
 
+    def operator_menu_enum(self, name: str, _property: str) -> Any:
+        return self.operator(name)
+
 
 def draw(panel: Any, context: Any) -> Layout:
     """What a panel of ours draws."""
