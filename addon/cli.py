@@ -197,7 +197,7 @@ class CommandLineRenderer:
 
     def _do_mix_sequence(self, path: str) -> None:
         try:
-            failure = mix_frames(self._scene, Path(path).resolve(), lambda: self.is_interrupted)
+            failure = mix_frames(self._scene, Path(path).resolve(), self._threads or 0, lambda: self.is_interrupted)
         except (LayersError, OSError) as error:
             raise CommandLineError(f"--mix-sequence: {error}") from None
         self.failures += [failure] if failure else []

@@ -14,7 +14,7 @@ from .light_mix_operator import make_mixer
 from .light_mix_sequence import FOLDER
 
 
-def mix_frames(scene: bpy.types.Scene, path: Path, should_stop: Callable[[], bool]) -> str:
+def mix_frames(scene: bpy.types.Scene, path: Path, threads: int, should_stop: Callable[[], bool]) -> str:
     """Mix the frames of which a file is one by the scene's factors, until `should_stop()`.
 
     Returns
@@ -27,7 +27,7 @@ def mix_frames(scene: bpy.types.Scene, path: Path, should_stop: Callable[[], boo
     LayersError
         If the first frame cannot be mixed.
     """
-    mixer = make_mixer(scene, path, path.parent / FOLDER)
+    mixer = make_mixer(scene, path, path.parent / FOLDER, threads)
     try:
         for written in mixer:
             console.say(f"Saved: '{written}'")

@@ -349,8 +349,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             cancelled = report.cancelled
             if cancelled and not report.sample_count:
                 raise _NothingRendered
-            kept = light_mix_picture.NotedPasses(result.passes, depsgraph.view_layer_eval)
-            self._write(target.layers[0], view, wanted, kept)
+            kept = light_mix_picture.note(
+                result.passes, depsgraph.view_layer_eval,
+                lambda images: self._write(target.layers[0], view, wanted, images),
+            )
             # With it the film goes, before Blender makes a copy of its own.
             del result
             keep = self._has_picture = True

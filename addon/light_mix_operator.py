@@ -13,13 +13,18 @@ from bpy_extras.io_utils import ImportHelper
 from .exr_layers import LayeredImage
 from .frame_by_frame import FrameByFrame
 from .light_mix_sequence import FOLDER, Mix, SequenceMixer, find_files, mix_in, mixes_of
+from .shared_settings import thread_count
 
 
-def make_mixer(scene: bpy.types.Scene, path: Path, folder: Path, source: str = "SCENE") -> SequenceMixer:
+def make_mixer(
+    scene: bpy.types.Scene, path: Path, folder: Path, threads: int, source: str = "SCENE"
+) -> SequenceMixer:
     """What mixes the sequence that a file is one of.
 
     Parameters
     ----------
+    threads : int
+        0 = all.
     source : str
         'SCENE': by the scene's factors at each frame; 'FILES': by those that each file says.
 
@@ -40,7 +45,7 @@ def make_mixer(scene: bpy.types.Scene, path: Path, folder: Path, source: str = "
         def mix_of(frame: int | None, _image: LayeredImage) -> Mix:
             return mixes[frame]
 
-    return SequenceMixer(files, folder, mix_of)
+    return SequenceMixer(files, folder, mix_of, threads)
 
 
 class NEURALGUIDE_OT_mix_sequence(FrameByFrame, bpy.types.Operator, ImportHelper):  # noqa: N801 (Blender's convention)
@@ -68,7 +73,8 @@ class NEURALGUIDE_OT_mix_sequence(FrameByFrame, bpy.types.Operator, ImportHelper
     def start(self, context: bpy.types.Context) -> SequenceMixer:
         """Mix all frames of the sequence."""
         path = Path(bpy.path.abspath(self.filepath)).absolute()
-        return make_mixer(context.scene, path, path.parent / bpy.path.abspath(self.folder), self.source)
+        folder = path.parent / bpy.path.abspath(self.folder)
+        return make_mixer(context.scene, path, folder, thread_count(context.scene), self.source)
 
 
 def _draw(menu: Any, _context: bpy.types.Context) -> None:

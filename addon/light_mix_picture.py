@@ -8,8 +8,9 @@ Render Result show it instead.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -17,12 +18,16 @@ import numpy as np
 import numpy.typing as npt
 
 from . import light_mix
+from .shared_settings import thread_count
 
 if TYPE_CHECKING:
     from engine.scene.description import SceneDescription
 
+Float32Array = npt.NDArray[np.float32]
+
 IMAGE_NAME = "Light Mix"
 _RENDER_RESULT = "Render Result"
+_FEATURES = ("Denoising Albedo", "Denoising Normal")
 #: How often it is looked whether Blender has ended a job [s].
 _PAUSE = 0.2
 
@@ -30,41 +35,36 @@ _PAUSE = 0.2
 keeps_passes = not bpy.app.background
 
 
-class NotedPasses(Mapping[str, npt.NDArray[np.float32]]):
-    """Passes of a render, of which the picture and light groups are kept once they are looked up.
+@dataclasses.dataclass
+class Noted:
+    """Passes of a view layer that a mix is made of, row 0 at the bottom.
 
-    Parameters
-    ----------
-    passes : mapping of float32 (height, width, channels)
-    groups : iterable of str
-        Names of light groups.
-
-    Attributes
-    ----------
-    picture : float32 (height, width, 4) or None
-    groups : dict of float32 (height, width, 3)
-        By name of the group.
-    environment : float32 (height, width, 3) or None
+    picture : float32 (height, width, 4)
+    groups : dict of float32 (height, width, 3), by name of the group
+    environment : the pass, None where it was not rendered
+    sampled : the picture before it was denoised, None where it was not
+    albedo, normal : what helps to denoise the groups
     """
 
-    def __init__(self, passes: Mapping[str, npt.NDArray[np.float32]], layer: bpy.types.ViewLayer) -> None:
-        self._passes = passes
-        names = [group.name for group in getattr(layer, "lightgroups", ())]
-        self._groups = {light_mix.PASS_PREFIX + name: name for name in names}
-        self.picture: npt.NDArray[np.float32] | None = None
-        self.groups: dict[str, npt.NDArray[np.float32]] = {}
-        self.environment: npt.NDArray[np.float32] | None = None
+    picture: Float32Array | None = None
+    groups: dict[str, Float32Array] = dataclasses.field(default_factory=dict)
+    environment: Float32Array | None = None
+    sampled: Float32Array | None = None
+    albedo: Float32Array | None = None
+    normal: Float32Array | None = None
 
-    def __getitem__(self, name: str) -> npt.NDArray[np.float32]:
+
+class _NotingPasses(Mapping[str, Float32Array]):
+    """Passes of a render, which are made when they are looked up: what is, is kept."""
+
+    def __init__(self, passes: Mapping[str, Float32Array], names: Iterable[str]) -> None:
+        self._passes, self._names = passes, {*names}
+        self.noted: dict[str, Float32Array] = {}
+
+    def __getitem__(self, name: str) -> Float32Array:
         image = self._passes[name]
-        if not keeps_passes:
-            return image
-        if name == "Combined":
-            self.picture = image
-        elif name == "Environment":
-            self.environment = image
-        elif name in self._groups:
-            self.groups[self._groups[name]] = image
+        if name in self._names:
+            self.noted[name] = image
         return image
 
     def __contains__(self, name: object) -> bool:
@@ -77,23 +77,74 @@ class NotedPasses(Mapping[str, npt.NDArray[np.float32]]):
         return len(self._passes)
 
 
+def note(
+    passes: Mapping[str, Float32Array], layer: bpy.types.ViewLayer, write: Callable[[Mapping[str, Float32Array]], None]
+) -> Noted:
+    """Have a render's passes written, and note those that a mix is made of: each is made once.
+
+    Parameters
+    ----------
+    passes : mapping of float32 (height, width, channels)
+    layer : ViewLayer
+        What they are of.
+    write : callable
+        Looks passes up.
+    """
+    groups = {light_mix.PASS_PREFIX + group.name: group.name for group in getattr(layer, "lightgroups", ())}
+    if not keeps_passes or not groups:
+        write(passes)
+        return Noted()
+    noting = _NotingPasses(passes, ("Combined", "Noisy Image", "Environment", *_FEATURES, *groups))
+    write(noting)
+    noted = noting.noted
+    sampled = noted.get("Noisy Image")
+    if sampled is not None and np.array_equal(sampled, noted["Combined"], equal_nan=True):
+        sampled = None
+    if sampled is not None:
+        # The denoiser has used them, whether the layer asks for them or not.
+        with contextlib.suppress(KeyError, MemoryError):
+            for name in _FEATURES:
+                noting[name]
+    return Noted(
+        noted.get("Combined"), {group: noted[name] for name, group in groups.items() if name in noted},
+        noted.get("Environment"), sampled, *map(noted.get, _FEATURES),
+    )  # fmt: skip
+
+
 @dataclasses.dataclass
 class _Kept:
     """What a render has left of a view layer.
 
-    picture, groups : as in `NotedPasses`
+    passes : Noted
     size : width and height of the whole image [pixels]
     corner : column and row of the region that was rendered, from the lower left
-    is_new : whether the layer's factors do not know of this render yet
+    threads : that may denoise
+    is_new : whether the scene's factors do not know of this render yet
     shown : the factors that the image has been made by, None while it has not
+    parts : of a denoised picture, as `engine.render.light_mix.denoised_parts` makes them, once there was a mix
     """
 
-    picture: npt.NDArray[np.float32]
-    groups: dict[str, npt.NDArray[np.float32]]
+    passes: Noted
     size: tuple[int, int]
-    corner: tuple[int, int] = (0, 0)
+    corner: tuple[int, int]
+    threads: int
     is_new: bool = True
     shown: dict[str, light_mix.Factor] | None = None
+    parts: tuple[Float32Array, dict[str, Float32Array]] | None = None
+
+    def mixed(self, factors: dict[str, light_mix.Factor]) -> Float32Array:
+        """The picture by these factors."""
+        from engine.render.light_mix import changes, denoised_parts, mixed, mixed_denoised
+
+        passes = self.passes
+        assert passes.picture is not None
+        if passes.sampled is None or not changes(factors):
+            return mixed(passes.picture, passes.groups, factors)
+        if self.parts is None:
+            self.parts = denoised_parts(
+                passes.sampled, passes.groups, passes.albedo, passes.normal, threads=self.threads
+            )
+        return mixed_denoised(passes.picture, *self.parts, factors)
 
 
 #: By names of scene and view layer.
@@ -102,7 +153,7 @@ _kept: dict[tuple[str, str], _Kept] = {}
 
 def keep(
     engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, view: str, description: SceneDescription,
-    passes: NotedPasses,
+    passes: Noted,
 ) -> None:
     """Keep what a render has left of a view layer, and note its mix in the metadata of files. In a stereo render the
     first view is kept.
@@ -132,12 +183,12 @@ def keep(
     x0, y0, x1, y1 = frame.region
     cropped = scene.render.use_crop_to_border
     size, corner = ((x1 - x0, y1 - y0), (0, 0)) if cropped else ((frame.width, frame.height), (x0, y0))
-    _kept[scene.name, layer.name] = _Kept(passes.picture, passes.groups, size, corner)
+    _kept[scene.name, layer.name] = _Kept(passes, size, corner, thread_count(depsgraph.scene_eval))
 
 
 def rendered_groups(scene: bpy.types.Scene) -> list[str]:
     """Light groups that the last render of a scene has left for a mix; empty where it has left none."""
-    names = [name for (owner, _), kept in _kept.items() if owner == scene.name for name in kept.groups]
+    names = [name for (owner, _), kept in _kept.items() if owner == scene.name for name in kept.passes.groups]
     return list(dict.fromkeys(names))
 
 
@@ -167,10 +218,10 @@ def _mix(scene: bpy.types.Scene) -> bool:
             entry.property_unset("written")
     for kept in layers.values():
         kept.is_new = False
-        light_mix.add_missing(scene, kept.groups)
+        light_mix.add_missing(scene, kept.passes.groups)
     shown = light_mix.shown_factors(scene)
     for layer, kept in layers.items():
-        factors = {group: factor for group, factor in shown.items() if group in kept.groups}
+        factors = {group: factor for group, factor in shown.items() if group in kept.passes.groups}
         image = image_of(scene, layer)
         if (changes(factors) if image is None else kept.shown != factors):
             _make_image(scene, layer, kept, factors)
@@ -181,10 +232,8 @@ def _mix(scene: bpy.types.Scene) -> bool:
 def _make_image(
     scene: bpy.types.Scene, layer: bpy.types.ViewLayer, kept: _Kept, factors: dict[str, light_mix.Factor]
 ) -> None:
-    from engine.render.light_mix import mixed
-
     width, height = kept.size
-    picture = mixed(kept.picture, kept.groups, factors)
+    picture = kept.mixed(factors)
     if picture.shape[:2] != (height, width):
         whole = np.zeros((height, width, picture.shape[2]), np.float32)
         column, row = kept.corner

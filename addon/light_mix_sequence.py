@@ -21,6 +21,8 @@ from .exr_layers import LayeredImage, LayersError, read_layers, write_layers
 #: The folder beside the frames that takes what is made of them.
 FOLDER = "mixed"
 
+Float32Array = npt.NDArray[np.float32]
+
 #: Factors by group.
 Mix = Mapping[str, light_mix.Factor]
 
@@ -68,6 +70,8 @@ class SequenceMixer:
         Where files of the same names are made.
     mix_of : callable (frame, image) -> dict
         Factors for a file.
+    threads : int
+        That denoise groups of a denoised picture; 0 = all.
 
     Attributes
     ----------
@@ -80,15 +84,16 @@ class SequenceMixer:
     """
 
     def __init__(
-        self, files: Mapping[int | None, Path], folder: Path, mix_of: Callable[[int | None, LayeredImage], Mix]
+        self, files: Mapping[int | None, Path], folder: Path, mix_of: Callable[[int | None, LayeredImage], Mix],
+        threads: int = 0,
     ) -> None:
         first, path = next(iter(files.items()))
         if folder.resolve() == path.parent.resolve():
             raise LayersError(f"{folder} is where the frames are: choose another folder, so that they stay")
-        self._files, self._folder, self._mix_of = files, folder, mix_of
+        self._files, self._folder, self._mix_of, self._threads = files, folder, mix_of, threads
         self.warnings: list[str] = []
         image = read_layers(path)
-        mix_layers(image, mix_of(first, image))
+        check_mix(image, mix_of(first, image))
 
     def __len__(self) -> int:
         return len(self._files)
@@ -101,7 +106,7 @@ class SequenceMixer:
             image, target = read_layers(path), self._folder / path.name
             mix = self._mix_of(frame, image)
             is_changed = is_changed or bool(changes(mix))
-            write_layers(target, mix_layers(image, mix))
+            write_layers(target, mix_layers(image, mix, self._threads))
             yield target
         if not is_changed:
             self.warnings.append("all factors are 1: the pictures are as they were rendered")
@@ -124,8 +129,8 @@ def mix_in(image: LayeredImage) -> Mix:
         raise LayersError(f"{image.path}: {error}") from None
 
 
-def mix_layers(image: LayeredImage, mix: Mix) -> LayeredImage:
-    """A file with its view layers mixed, and with metadata that says so.
+def check_mix(image: LayeredImage, mix: Mix) -> None:
+    """Look whether a file can be mixed.
 
     Raises
     ------
@@ -139,8 +144,7 @@ def mix_layers(image: LayeredImage, mix: Mix) -> LayeredImage:
         raise LayersError(f"{image.path} has no pass Combined: render frames as OpenEXR MultiLayer")
     if image.metadata(light_mix.APPLIED_FIELD):
         raise LayersError(f"{image.path} is mixed already: choose frames as they were rendered")
-    found = {layer: _groups(image, layer) for layer in layers}
-    known = list(dict.fromkeys(group for groups in found.values() for group in groups))
+    known = [group for layer in layers for group in _groups(image, layer)]
     if not known:
         raise LayersError(
             f"{image.path} has no light groups: put lamps into groups in the view layer's properties, under Passes, "
@@ -153,33 +157,62 @@ def mix_layers(image: LayeredImage, mix: Mix) -> LayeredImage:
     if missing := missing_groups(mix, known):
         raise LayersError(
             f"{image.path} was rendered without light group {', '.join(missing)}, which is in the mix: there are "
-            f"{', '.join(known)}. Set its factor to 1, or render again"
+            f"{', '.join(dict.fromkeys(known))}. Set its factor to 1, or render again"
         )
-    for layer, groups in found.items():
-        image = _mix_layer(image, layer, {group: mix.get(group, light_mix.NEUTRAL) for group in groups})
+
+
+def mix_layers(image: LayeredImage, mix: Mix, threads: int = 0) -> LayeredImage:
+    """A file with its view layers mixed, and with metadata that says so.
+
+    Raises
+    ------
+    LayersError
+        As `check_mix`, or if it takes a denoiser and there is none.
+    """
+    check_mix(image, mix)
+    known: list[str] = []
+    for layer in image.layers():
+        groups = _groups(image, layer)
+        known += groups
+        image = _mix_layer(image, layer, {group: mix.get(group, light_mix.NEUTRAL) for group in groups}, threads)
     applied = {group: mix.get(group, light_mix.NEUTRAL) for group in known}
     return image.stamped(light_mix.APPLIED_FIELD, light_mix.to_text(applied))
 
 
-def _mix_layer(image: LayeredImage, layer: str, mix: Mix) -> LayeredImage:
-    from engine.render.light_mix import changes, mixed, without_background
+def _mix_layer(image: LayeredImage, layer: str, mix: Mix, threads: int) -> LayeredImage:
+    from engine.denoise.library import problem
+    from engine.render.light_mix import changes, denoised_parts, mixed, mixed_denoised
 
-    lights = {}
-    for group in changes(mix):
-        light = image.image(layer, light_mix.PASS_PREFIX + group, "RGB")
-        assert light is not None
-        if group == image.metadata(light_mix.BACKGROUND_FIELD.format(layer=layer)):
-            environment = _environment(image, layer)
-            light = light if environment is None else without_background(light, environment)
-        lights[group] = light
-    for name in ("Combined", "Noisy Image"):
-        picture = image.image(layer, name, "RGB")
-        if picture is not None and lights:
+    picture, sampled = (image.image(layer, name, "RGB") for name in ("Combined", "Noisy Image"))
+    if picture is None or not changes(mix):
+        return image
+    if sampled is None or np.array_equal(sampled, picture, equal_nan=True):
+        lights = {group: _light(image, layer, group) for group in changes(mix)}
+        for name in ("Combined", "Noisy Image") if sampled is not None else ("Combined",):
             image = image.changed(layer, name, "RGB", mixed(picture, lights, mix))
-    return image
+        return image
+    if text := problem():
+        raise LayersError(f"{image.path} is denoised, and so its light groups have to be: {text}")
+    lights = {group: _light(image, layer, group) for group in mix}
+    features = image.image(layer, "Denoising Albedo", "RGB"), image.image(layer, "Denoising Normal", "XYZ")
+    parts = denoised_parts(sampled, lights, *features, threads=threads)
+    image = image.changed(layer, "Combined", "RGB", mixed_denoised(picture, *parts, mix))
+    return image.changed(layer, "Noisy Image", "RGB", mixed(sampled, lights, mix))
 
 
-def _environment(image: LayeredImage, layer: str) -> npt.NDArray[np.float32] | None:
+def _light(image: LayeredImage, layer: str, group: str) -> Float32Array:
+    """Light of a group as it is in Combined."""
+    from engine.render.light_mix import without_background
+
+    light = image.image(layer, light_mix.PASS_PREFIX + group, "RGB")
+    assert light is not None
+    environment = None
+    if group == image.metadata(light_mix.BACKGROUND_FIELD.format(layer=layer)):
+        environment = _environment(image, layer)
+    return light if environment is None else without_background(light, environment)
+
+
+def _environment(image: LayeredImage, layer: str) -> Float32Array | None:
     """The pass Environment, which Blender before 5.0 calls Env."""
     for name in ("Environment", "Env"):
         environment = image.image(layer, name, "RGB")

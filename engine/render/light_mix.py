@@ -7,6 +7,10 @@ light:
     mix = picture + sum over groups of (factor - 1) x light of the group.
 
 Light of no group stays as it is, and with factors of 1 the picture is the same to the bit.
+
+A denoised picture is not the sum of its groups, which have noise. It is multiplied by the ratio of two sums of groups
+that are denoised each: with factors, and without. So nothing is subtracted from what has other errors, and with factors
+of 1 it too is the same (docs/decisions/light-mixing.md).
 """
 
 from __future__ import annotations
@@ -16,9 +20,13 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from engine.denoise.filter import denoise_all
 from engine.state.lanes import RGB
 
 Float32Array = npt.NDArray[np.float32]
+
+#: What is added to both sums of a ratio, as a part of the mean light: where there is no light it is 1.
+_LEAST_LIGHT = np.float32(1e-3)
 
 
 def checked_factors(factors: Mapping[str, Sequence[float]]) -> dict[str, Float32Array]:
@@ -111,6 +119,75 @@ def mixed(
         added[~np.isfinite(added)] = 0.0
         result[..., :RGB] += added
     return result
+
+
+def mixed_denoised(
+    picture: Float32Array, plain: Float32Array, groups: Mapping[str, Float32Array],
+    factors: Mapping[str, Sequence[float]],
+) -> Float32Array:
+    """A denoised picture with the light of each group times its factor.
+
+    Parameters
+    ----------
+    picture : float32 (height, width, C), C >= 3
+        Denoised as a whole; channels after the third stay.
+    plain : float32 (height, width, 3)
+        The sum of what follows and of the light of no group, which is denoised by itself too.
+    groups : mapping of float32 (height, width, 3)
+        Light of each group, denoised by itself (`denoised_parts`).
+    factors : mapping of sequence of float
+
+    Returns
+    -------
+    float32 (height, width, C)
+
+    Raises
+    ------
+    ValueError
+        As `mixed` does.
+    """
+    mix = mixed(plain, groups, factors)
+    result = np.array(picture, np.float32)
+    if not changes(factors):
+        return result
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = plain[np.isfinite(plain)]
+        least = max(_LEAST_LIGHT * np.float32(np.abs(finite).mean() if finite.size else 0.0), np.float32(1e-12))
+        ratio = (np.maximum(mix, 0.0) + least) / (np.maximum(plain, 0.0) + least)
+        relit = result[..., :RGB] * ratio
+    result[..., :RGB] = np.where(np.isfinite(relit), relit, result[..., :RGB])
+    return result
+
+
+def denoised_parts(
+    sampled: Float32Array, groups: Mapping[str, Float32Array], albedo: Float32Array | None = None,
+    normal: Float32Array | None = None, *, threads: int = 0,
+) -> tuple[Float32Array, dict[str, Float32Array]]:
+    """What `mixed_denoised` takes: the sum of all light, each group and what is in none denoised by itself, and the
+    groups.
+
+    Parameters
+    ----------
+    sampled : float32 (height, width, >= 3)
+        The picture before it was denoised.
+    groups : mapping of float32 (height, width, 3)
+        As they are in it.
+    albedo, normal : float32 (height, width, >= 3), optional
+        As `engine.denoise.filter.denoise_all` takes them.
+    threads : int
+        0 = all.
+
+    Raises
+    ------
+    DenoiserMissing, DenoiserFailed
+        As that does.
+    """
+    rest = sampled[..., :RGB] - sum(groups.values(), np.zeros_like(sampled[..., :RGB]))
+    pictures = [*groups.values(), np.maximum(rest, 0.0)]
+    filtered = denoise_all(pictures, albedo, normal if albedo is not None else None, threads=threads)
+    assert filtered is not None  # nothing cancels it
+    *denoised, of_none = filtered
+    return sum(denoised, of_none), dict(zip(groups, denoised, strict=True))
 
 
 def without_background(light: Float32Array, environment: Float32Array) -> Float32Array:

@@ -14,6 +14,7 @@ import pytest
 
 from addon import light_mix, light_mix_picture
 from benchmarks.images import read_exr
+from engine.denoise import library
 from tests.helpers.fake_engine import FakeEngine
 from tests.helpers.light_groups import grouped, keyframe
 from tests.helpers.pass_files import ask_for_passes
@@ -201,3 +202,46 @@ def test_a_transparent_film_has_no_background_in_the_mix(scene: Any, passes: dic
     scene.neuralguide.light_mix["Sky"].strength = 3.0
     expected = passes["Combined"][..., :3] + 2.0 * (passes["Combined_Sky"] - passes["Environment"])
     np.testing.assert_allclose(shown(scene)[..., :3], expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise here")
+def test_a_denoised_picture_is_mixed_by_groups_that_are_denoised(scene: Any, passes: dict[str, np.ndarray]) -> None:
+    """Without noise of its groups, and as it was with factors of 1."""
+    import bpy
+
+    rng = np.random.default_rng(4)
+    scene.cycles.use_denoising = True
+    for name, level in (("Combined_Key", 2.0), ("Combined_Glow", 0.5), ("Combined_Sky", 0.0)):
+        passes[name] = np.float32(level * rng.gamma(4.0, 0.25, (16, 32, 3)))
+    passes["Noisy Image"] = np.ones((16, 32, 4), np.float32)
+    passes["Noisy Image"][..., :3] = sum(passes[f"Combined_{group}"] for group in GROUPS)
+    passes["Combined"] = np.full((16, 32, 4), 2.5, np.float32)
+    passes["Combined"][..., 3] = 1.0
+    bpy.ops.render.render()
+    key = scene.neuralguide.light_mix["Key"]
+    key.is_on = False
+    assert shown(scene)[..., :3].mean() == pytest.approx(0.5, rel=0.1)
+    assert shown(scene)[..., :3].std() < 0.3 * passes["Combined_Glow"].std()
+    key.is_on = True
+    assert np.array_equal(shown(scene), passes["Combined"])
+
+
+def test_image_editors_that_show_the_render_result_show_the_mix(rendered: Any) -> None:
+    """And the render again once the mix is switched off; one that shows something else keeps that."""
+    import bpy
+
+    scene, _ = rendered
+    area = bpy.context.window_manager.windows[0].screen.areas[0]
+    area.type = "IMAGE_EDITOR"
+    space = area.spaces.active
+    space.image = result = bpy.data.images["Render Result"]
+    scene.neuralguide.light_mix["Key"].strength = 2.0
+    mix = light_mix_picture.image_of(scene, scene.view_layers[0])
+    assert space.image == mix
+    scene.neuralguide.use_light_mix = False
+    assert space.image == result
+    scene.neuralguide.use_light_mix = True
+    assert space.image == mix
+    space.image = other = bpy.data.images.new("Other", 4, 4)
+    scene.neuralguide.light_mix["Key"].strength = 3.0
+    assert space.image == other

@@ -15,6 +15,7 @@ import pytest
 
 from addon import light_mix
 from benchmarks.images import read_exr
+from engine.denoise import library
 from tests.helpers.light_groups import keyframe
 
 bpy = pytest.importorskip("bpy")
@@ -94,6 +95,37 @@ def test_frames_are_mixed_by_what_they_say_of_their_own_render(frames: list[Path
     own = frames[0].parent / "own" / frames[0].name
     by_itself = expected(frames[0], {ODD: [1.0, 1.0, 2.0]})
     np.testing.assert_allclose(light(own, "Combined"), by_itself, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise here")
+@pytest.mark.parametrize("has_features", [True, False])
+def test_a_denoised_picture_is_mixed_by_groups_that_are_denoised(
+    has_features: bool, scene: Any, tmp_path: Path
+) -> None:
+    """Two walls of light with noise: the mix has hardly any, and Noisy Image is the sum of what was sampled."""
+    rng = np.random.default_rng(2)
+    size = (32, 48)
+    lights = {group: np.float32(level * rng.gamma(4.0, 0.25, (3, *size))) for group, level in ((KEY, 2.0), (ODD, 0.5))}
+    passes = {"Combined": np.full((3, *size), 2.5, np.float32), "Noisy Image": sum(lights.values())}
+    passes |= {f"Combined_{group}": planes for group, planes in lights.items()}
+    letters = dict.fromkeys(passes, "RGB")
+    if has_features:
+        passes |= {"Denoising Albedo": np.full((3, *size), 0.5, np.float32), "Denoising Normal": np.ones((3, *size))}
+        letters |= {"Denoising Albedo": "RGB", "Denoising Normal": "XYZ"}
+    channels = {
+        f"ViewLayer.{name}.{letter}": np.float32(plane)
+        for name, planes in passes.items() for letter, plane in zip(letters[name], planes, strict=True)
+    }  # fmt: skip
+    path = tmp_path / "room_0001.exr"
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, channels) as file:
+        file.write(str(path))
+    scene.neuralguide.light_mix[KEY].is_on = False
+    assert bpy.ops.neuralguide.mix_sequence(filepath=str(path)) == {"FINISHED"}
+    picture = light(mixed_beside(path), "Combined")
+    assert picture.mean() == pytest.approx(0.5, rel=0.05)
+    assert picture.std() < 0.2 * lights[ODD].std()
+    noisy = light(mixed_beside(path), "Noisy Image")
+    np.testing.assert_allclose(np.moveaxis(noisy, 2, 0), lights[ODD], rtol=1e-4, atol=1e-5)
 
 
 def test_a_file_without_a_number_is_mixed_alone(frames: list[Path], scene: Any, tmp_path: Path) -> None:

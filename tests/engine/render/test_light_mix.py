@@ -6,7 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.render.light_mix import changes, checked_factors, missing_groups, mixed, without_background
+from engine.render.light_mix import (
+    changes,
+    checked_factors,
+    missing_groups,
+    mixed,
+    mixed_denoised,
+    without_background,
+)
 
 SHAPE = (3, 5)
 
@@ -115,3 +122,31 @@ def test_the_background_that_a_transparent_film_leaves_out_is_not_mixed(groups: 
     groups["Sky"] = without_background(groups["Sky"], environment)
     off = mixed(picture, groups, {"Sky": (0.0, 0.0, 0.0)})
     np.testing.assert_allclose(off[..., :3], groups["Key"] + groups["Küche & Bad (2)/x"], rtol=1e-5, atol=1e-6)
+
+
+def test_a_denoised_picture_gets_the_ratio_of_two_sums(groups: dict[str, np.ndarray]) -> None:
+    """To the bit the same with factors of 1, and nowhere below zero, whatever the denoiser has made of the whole."""
+    rest = 0.25
+    plain = picture_of(groups, rest)[..., :3]
+    denoised = np.concatenate((plain * np.float32(0.9), np.full((*SHAPE, 1), 0.5, np.float32)), axis=2)
+    assert np.array_equal(mixed_denoised(denoised, plain, groups, {"Key": (1.0, 1.0, 1.0)}), denoised)
+    off = mixed_denoised(denoised, plain, groups, {"Key": (0.0, 0.0, 0.0)})
+    np.testing.assert_allclose(off[..., :3], 0.9 * (plain - groups["Key"]), rtol=0.02)
+    assert np.array_equal(off[..., 3], denoised[..., 3])
+    all_off = mixed_denoised(denoised, plain, groups, dict.fromkeys(groups, (0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(all_off[..., :3], 0.9 * rest, rtol=0.02)
+
+
+def test_where_there_is_no_light_or_no_number_a_denoised_picture_stays(groups: dict[str, np.ndarray]) -> None:
+    plain = picture_of(groups)[..., :3]
+    for image in (plain, *groups.values()):
+        image[0, 0] = 0.0
+    plain[1, 1] = np.nan
+    plain[2, 2] = np.inf
+    denoised = np.full((*SHAPE, 3), 0.5, np.float32)
+    result = mixed_denoised(denoised, plain, groups, dict.fromkeys(groups, (5.0, 5.0, 5.0)))
+    for place in ((0, 0), (1, 1), (2, 2)):
+        np.testing.assert_allclose(result[place], 0.5, rtol=1e-5)
+    assert np.isfinite(result).all()
+    black = np.zeros((*SHAPE, 3), np.float32)
+    assert not mixed_denoised(black, black, {"Key": black}, {"Key": (9.0, 0.0, 1.0)}).any()
