@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import bpy
 
@@ -36,6 +36,11 @@ class FrameByFrame:
     doing = ""
     out_of_memory = "out of memory"
 
+    if TYPE_CHECKING:
+
+        def report(self, kind: set[str], text: str) -> None:
+            """Blender's own."""
+
     def start(self, context: bpy.types.Context) -> FileMaker:
         """What makes the files; raises LayersError or OSError where that cannot be."""
         raise NotImplementedError
@@ -61,7 +66,7 @@ class FrameByFrame:
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """A file at a time."""
         if event.type == "ESC":
-            self._say("WARNING", f"Stopped after {self._done} of {len(self._maker)} frames")
+            self.report({"WARNING"}, f"Stopped after {self._done} of {len(self._maker)} frames")
             status = {"CANCELLED"}
         elif event.type == "TIMER":
             status = self._next()
@@ -85,8 +90,8 @@ class FrameByFrame:
             self._last = path
             return {"RUNNING_MODAL"}
         for warning in self._maker.warnings:
-            self._say("WARNING", warning)
-        self._say("INFO", f"{self._done} frames are in {self._last.parent}")
+            self.report({"WARNING"}, warning)
+        self.report({"INFO"}, f"{self._done} frames are in {self._last.parent}")
         return {"FINISHED"}
 
     def _fail(self, error: Exception) -> set[str]:
@@ -98,9 +103,5 @@ class FrameByFrame:
         else:
             log_failure(self.doing)
             text = f"failed: {error}"
-        self._say("ERROR", text)
+        self.report({"ERROR"}, text)
         return {"CANCELLED"}
-
-    def _say(self, kind: str, text: str) -> None:
-        report: Any = self.report  # type: ignore[attr-defined]
-        report({kind}, text)

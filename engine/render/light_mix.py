@@ -53,7 +53,7 @@ def checked_factors(factors: Mapping[str, Sequence[float]]) -> dict[str, Float32
         except (TypeError, ValueError):
             values = np.empty(0)
         if values.shape != (RGB,):
-            raise ValueError(f"light group {group}: the factor {factor!r} is not three numbers: red, green and blue")
+            raise ValueError(f"light group {group}: the factor {factor} is not three numbers: red, green and blue")
         with np.errstate(over="ignore"):
             single = values.astype(np.float32)
         if not np.isfinite(single).all():

@@ -17,7 +17,7 @@ from benchmarks.images import read_exr
 from engine.denoise import library
 from tests.helpers.fake_engine import FakeEngine
 from tests.helpers.light_groups import grouped, keyframe
-from tests.helpers.pass_files import ask_for_passes
+from tests.helpers.pass_files import ask_for_passes, render_passes
 
 GROUPS = ["Key", "Glow", "Sky"]
 
@@ -202,6 +202,24 @@ def test_a_transparent_film_has_no_background_in_the_mix(scene: Any, passes: dic
     scene.neuralguide.light_mix["Sky"].strength = 3.0
     expected = passes["Combined"][..., :3] + 2.0 * (passes["Combined_Sky"] - passes["Environment"])
     np.testing.assert_allclose(shown(scene)[..., :3], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_the_render_after_writing_back_shows_what_the_mix_has_shown(scene: Any, tmp_path: Path) -> None:
+    """All groups by the same factor, so that lamps are picked by the same chances, and none is left out as too dim."""
+    import bpy
+
+    scene.cycles.light_sampling_threshold = 0.0
+    render_passes(scene, tmp_path / "before.exr", [])
+    for entry in scene.neuralguide.light_mix:
+        entry.strength, entry.color = 0.5, (1.0, 0.5, 0.25)
+    mix = shown(scene)
+    assert bpy.ops.neuralguide.write_light_mix() == {"FINISHED"}
+    assert light_mix.factors_of(scene) == dict.fromkeys(GROUPS, light_mix.NEUTRAL)
+    assert np.array_equal(shown(scene), mix)
+    after = render_passes(scene, tmp_path / "after.exr", ["Combined"])["Combined"][::-1]
+    assert after[..., :3].mean() > 1e-3
+    np.testing.assert_allclose(after, mix, rtol=1e-3, atol=1e-5)
+    assert np.array_equal(shown(scene), after)
 
 
 @pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise here")
