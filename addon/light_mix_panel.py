@@ -69,6 +69,8 @@ class NEURALGUIDE_PT_light_mix(bpy.types.Panel):  # noqa: N801
             part.prop(entry, "strength", text="")
             part.prop(entry, "color", text="")
         missing = [entry.name for entry in mix if rendered and entry.name not in rendered]
+        if problem := light_mix_picture.problem(scene):
+            draw_text(layout, context, problem, icon="ERROR")
         if missing:
             draw_text(layout, context, f"Not in the last render: {', '.join(missing)}", icon="INFO")
         if len(mix):

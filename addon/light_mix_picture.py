@@ -122,6 +122,7 @@ class _Kept:
     is_new : whether the scene's factors do not know of this render yet
     shown : the factors that the image has been made by, None while it has not
     parts : of a denoised picture, as `engine.render.light_mix.denoised_parts` makes them, once there was a mix
+    problem : why the image does not show the factors as they are, '' where it does
     """
 
     passes: Noted
@@ -131,6 +132,7 @@ class _Kept:
     is_new: bool = True
     shown: dict[str, light_mix.Factor] | None = None
     parts: tuple[Float32Array, dict[str, Float32Array]] | None = None
+    problem: str = ""
 
     def mixed(self, factors: dict[str, light_mix.Factor]) -> Float32Array:
         """The picture by these factors."""
@@ -223,10 +225,29 @@ def _mix(scene: bpy.types.Scene) -> bool:
     for layer, kept in layers.items():
         factors = {group: factor for group, factor in shown.items() if group in kept.passes.groups}
         image = image_of(scene, layer)
-        if (changes(factors) if image is None else kept.shown != factors):
-            _make_image(scene, layer, kept, factors)
+        if changes(factors) if image is None else kept.shown != factors:
+            kept.problem = _try_image(scene, layer, kept, factors)
             has_changed = True
     return has_changed
+
+
+def _try_image(
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, kept: _Kept, factors: dict[str, light_mix.Factor]
+) -> str:
+    """Make an image; returns why that did not work. Blender would put it where nobody looks."""
+    try:
+        _make_image(scene, layer, kept, factors)
+    except MemoryError:
+        return "out of memory: render smaller, or with fewer light groups"
+    except (ValueError, RuntimeError) as error:  # a factor that is no number; the denoiser
+        return str(error)
+    return ""
+
+
+def problem(scene: bpy.types.Scene) -> str:
+    """Why a mix of a scene is not shown as its factors are, '' where it is."""
+    problems = [kept.problem for (owner, _), kept in _kept.items() if owner == scene.name]
+    return next(filter(None, problems), "")
 
 
 def _make_image(

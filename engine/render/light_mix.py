@@ -57,7 +57,7 @@ def checked_factors(factors: Mapping[str, Sequence[float]]) -> dict[str, Float32
         with np.errstate(over="ignore"):
             single = values.astype(np.float32)
         if not np.isfinite(single).all():
-            raise ValueError(f"light group {group}: the factor {_listed(values)} is NaN or infinite")
+            raise ValueError(f"light group {group}: the factor {_listed(values)} is NaN or too large")
         if (single < 0.0).any():
             raise ValueError(f"light group {group}: the factor {_listed(values)} is negative, and light is not")
         checked[group] = single

@@ -17,6 +17,7 @@ from benchmarks.images import read_exr
 from engine.denoise import library
 from tests.helpers.fake_engine import FakeEngine
 from tests.helpers.light_groups import grouped, keyframe
+from tests.helpers.panel_layout import Layout
 from tests.helpers.pass_files import ask_for_passes, render_passes
 
 GROUPS = ["Key", "Glow", "Sky"]
@@ -168,7 +169,6 @@ def test_a_render_without_groups_leaves_nothing_and_a_mix_of_others_is_left_alon
     import bpy
 
     from addon.light_mix_panel import NEURALGUIDE_PT_light_mix
-    from tests.addon.test_panels import Layout
 
     light_mix.add_missing(cube_scene, ["Gone"])
     cube_scene.neuralguide.light_mix["Gone"].strength = 4.0
@@ -178,6 +178,28 @@ def test_a_render_without_groups_leaves_nothing_and_a_mix_of_others_is_left_alon
     layout = Layout()
     NEURALGUIDE_PT_light_mix.draw(SimpleNamespace(layout=layout), bpy.context)
     assert "No light groups were rendered" in " ".join(layout.texts)
+
+
+def test_a_mix_that_cannot_be_made_leaves_the_image_and_the_panel_says_why(rendered: Any) -> None:
+    import bpy
+
+    from addon.light_mix_panel import NEURALGUIDE_PT_light_mix
+
+    scene, _ = rendered
+    mix = scene.neuralguide.light_mix
+    mix["Key"].strength = 2.0
+    before = shown(scene)
+    mix["Key"].strength = 3e38
+    mix["Key"].color = (9.0, 1.0, 1.0)
+    layout = Layout()
+    NEURALGUIDE_PT_light_mix.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert "light group Key: the factor 2.7e+39, 3e+38, 3e+38 is NaN or too large" in " ".join(layout.texts)
+    assert np.isfinite(shown(scene)).all()
+    mix["Key"].color, mix["Key"].strength = (1.0, 1.0, 1.0), 2.0
+    assert np.array_equal(shown(scene), before)
+    layout = Layout()
+    NEURALGUIDE_PT_light_mix.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert "too large" not in " ".join(layout.texts)
 
 
 def test_reset_forgets_groups_that_the_layer_has_not(rendered: Any) -> None:

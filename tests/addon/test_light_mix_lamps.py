@@ -11,6 +11,7 @@ import pytest
 from addon import light_mix
 from addon.light_mix_lamps import write_back
 from tests.helpers.light_groups import grouped
+from tests.helpers.panel_layout import Layout
 
 GROUPS = ["Key", "Glow", "Sky"]
 
@@ -250,7 +251,6 @@ def test_the_panel_offers_groups_and_factors(scene: Any) -> None:
     import bpy
 
     from addon.light_mix_panel import NEURALGUIDE_PT_light_mix
-    from tests.addon.test_panels import Layout
 
     layout = Layout()
     NEURALGUIDE_PT_light_mix.draw(SimpleNamespace(layout=layout), bpy.context)

@@ -74,9 +74,9 @@ def test_where_the_light_of_a_group_is_no_number_the_picture_stays(groups: dict[
     ("factor", "sentence"),
     [
         ((1.0, -0.5, 1.0), "light group Key: the factor 1, -0.5, 1 is negative"),
-        ((1.0, float("nan"), 1.0), "light group Key: the factor 1, nan, 1 is NaN or infinite"),
-        ((1.0, float("inf"), 1.0), "NaN or infinite"),
-        ((1e300, 1.0, 1.0), "NaN or infinite"),
+        ((1.0, float("nan"), 1.0), "light group Key: the factor 1, nan, 1 is NaN or too large"),
+        ((1.0, float("inf"), 1.0), "NaN or too large"),
+        ((1e300, 1.0, 1.0), "NaN or too large"),
         ((1.0, 1.0), "is not three numbers"),
         ("red", "is not three numbers"),
         (None, "is not three numbers"),
