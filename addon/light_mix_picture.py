@@ -149,6 +149,8 @@ class _Kept:
         return mixed_denoised(passes.picture, *self.parts, factors)
 
 
+#: Editors that were given another image; undoing changes no windows.
+_turned: set[int] = set()
 #: By names of scene and view layer.
 _kept: dict[tuple[str, str], _Kept] = {}
 
@@ -278,17 +280,34 @@ def _make_image(
 def _turn_editors() -> None:
     """Image editors that show the Render Result show the mix, or the other way where the mix is switched off."""
     result = bpy.data.images.get(_RENDER_RESULT)
+    for window, area in _editors():
+        image = image_of(window.scene, window.view_layer)
+        old, new = (result, image) if window.scene.neuralguide.use_light_mix else (image, result)
+        if image is not None and new is not None and area.spaces.active.image == old:
+            _turn(area, new)
+
+
+def _turn_back() -> None:
+    """Editors that showed a mix which undoing has taken away show the Render Result."""
+    result = bpy.data.images.get(_RENDER_RESULT)
+    for _, area in _editors():
+        if result is not None and area.as_pointer() in _turned and area.spaces.active.image is None:
+            _turn(area, result)
+
+
+def _editors() -> Iterator[tuple[bpy.types.Window, bpy.types.Area]]:
+    """Image editors of windows whose scene and view layer have a picture to mix."""
     for window in getattr(bpy.context.window_manager, "windows", ()):
-        scene, layer = window.scene, window.view_layer
-        image = image_of(scene, layer)
-        if image is None or (scene.name, layer.name) not in _kept:
-            continue
-        old, new = (result, image) if scene.neuralguide.use_light_mix else (image, result)
-        for area in window.screen.areas:
-            space = area.spaces.active
-            if area.type == "IMAGE_EDITOR" and space.image == old and new is not None:
-                space.image = new
-                area.tag_redraw()
+        if (window.scene.name, window.view_layer.name) in _kept:
+            for area in window.screen.areas:
+                if area.type == "IMAGE_EDITOR":
+                    yield window, area
+
+
+def _turn(area: bpy.types.Area, image: bpy.types.Image) -> None:
+    area.spaces.active.image = image
+    area.tag_redraw()
+    _turned.add(area.as_pointer())
 
 
 def _mix_all() -> None:
@@ -328,12 +347,14 @@ def _go_along(*_args: Any) -> None:
     """Another frame has other factors where they are animated, and undoing brings others back."""
     if _kept and not bpy.app.is_job_running("RENDER"):
         _mix_all()
+        _turn_back()
 
 
 @bpy.app.handlers.persistent
 def forget(*_args: Any) -> None:
     """Free what is kept."""
     _kept.clear()
+    _turned.clear()
 
 
 def _handlers() -> list[tuple[list[Any], Any]]:

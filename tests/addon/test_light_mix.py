@@ -271,10 +271,7 @@ def test_image_editors_that_show_the_render_result_show_the_mix(rendered: Any) -
     import bpy
 
     scene, _ = rendered
-    area = bpy.context.window_manager.windows[0].screen.areas[0]
-    area.type = "IMAGE_EDITOR"
-    space = area.spaces.active
-    space.image = result = bpy.data.images["Render Result"]
+    space, result = image_editor()
     scene.neuralguide.light_mix["Key"].strength = 2.0
     mix = light_mix_picture.image_of(scene, scene.view_layers[0])
     assert space.image == mix
@@ -285,3 +282,38 @@ def test_image_editors_that_show_the_render_result_show_the_mix(rendered: Any) -
     space.image = other = bpy.data.images.new("Other", 4, 4)
     scene.neuralguide.light_mix["Key"].strength = 3.0
     assert space.image == other
+
+
+def image_editor() -> tuple[Any, Any]:
+    """An image editor that shows the Render Result, and that."""
+    import bpy
+
+    area = bpy.context.window_manager.windows[0].screen.areas[0]
+    area.type = "IMAGE_EDITOR"
+    space = area.spaces.active
+    space.image = bpy.data.images["Render Result"]
+    return space, space.image
+
+
+def test_undoing_brings_factors_lamps_and_the_picture_back(rendered: Any) -> None:
+    import bpy
+
+    scene, _ = rendered
+    space, _ = image_editor()
+    bpy.ops.ed.undo_push(message="before")
+    scene.neuralguide.light_mix["Key"].strength = 2.0
+    bpy.ops.ed.undo_push(message="mixed")
+    mix = shown(scene)
+    bpy.ops.neuralguide.write_light_mix()
+    bpy.ops.ed.undo_push(message="written")
+    assert bpy.context.scene.objects["Sun"].data.energy == pytest.approx(6.0)
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert scene.objects["Sun"].data.energy == pytest.approx(3.0)
+    assert light_mix.shown_factors(scene)["Key"] == light_mix.factors_of(scene)["Key"] == (2.0, 2.0, 2.0)
+    assert np.array_equal(shown(scene), mix)
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert light_mix.factors_of(scene)["Key"] == light_mix.NEUTRAL
+    assert light_mix_picture.image_of(scene, scene.view_layers[0]) is None
+    assert space.image == bpy.data.images["Render Result"]
