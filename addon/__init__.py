@@ -23,7 +23,12 @@ def _modules() -> list:  # type: ignore[type-arg]
         engine,
         last_render,
         learned_fields,
+        light_mix_lamps,
+        light_mix_operator,
+        light_mix_panel,
+        light_mix_picture,
         log,
+        make_light_groups,
         operators,
         preferences,
         properties,
@@ -37,7 +42,8 @@ def _modules() -> list:  # type: ignore[type-arg]
 
     return [
         log, properties, saved_settings, engine, sequence, learned_fields, operators, sequence_operator,
-        denoise_after_render, ui, last_render, bug_report, preferences, warm_up, windows,
+        denoise_after_render, light_mix_picture, light_mix_lamps, light_mix_operator, make_light_groups,
+        ui, light_mix_panel, last_render, bug_report, preferences, warm_up, windows,
     ]  # fmt: skip
 
 

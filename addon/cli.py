@@ -17,6 +17,7 @@ import bpy
 from . import checkpoints, console, denoise_over_time, engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .cli_denoising import denoise_animation, denoise_frames
+from .cli_mixing import mix_frames
 from .declared_settings import parse_setting, setting_owner
 from .denoise_sequence import find_frames
 from .exr_layers import LayersError
@@ -197,6 +198,13 @@ class CommandLineRenderer:
             failure = denoise_frames(paths, self._threads or 0, lambda: self.is_interrupted)
         except (LayersError, OSError) as error:
             raise CommandLineError(f"--denoise-sequence: {error}") from None
+        self.failures += [failure] if failure else []
+
+    def _do_mix_sequence(self, path: str) -> None:
+        try:
+            failure = mix_frames(self._scene, Path(path).resolve(), self._threads or 0, lambda: self.is_interrupted)
+        except (LayersError, OSError) as error:
+            raise CommandLineError(f"--mix-sequence: {error}") from None
         self.failures += [failure] if failure else []
 
     def close(self) -> None:

@@ -52,6 +52,8 @@ makes no sense.
   -a, --render-anim            Render from the first frame to the last
   --denoise-sequence <file>    Denoise all rendered frames of which this OpenEXR MultiLayer file is one, over time, into
                                the folder "denoised" beside them
+  --mix-sequence <file>        Mix the light groups of all rendered frames of which this OpenEXR MultiLayer file is one,
+                               by the scene's light mix at each frame, into the folder "mixed" beside them
   -h, --help                   Show this and exit
   -v, --version                Show versions and exit
   --report                     Show what a report of a bug needs, and exit: versions, processor, the end of the log
@@ -100,6 +102,7 @@ _OPTIONS["--keep-film"] = ("keep-film", False)  # and this
 _OPTIONS["--add-samples"] = ("add-samples", True)  # and this
 _OPTIONS["--merge"] = ("merge", True)  # and this
 _OPTIONS["--denoise-sequence"] = ("denoise-sequence", True)  # and this
+_OPTIONS["--mix-sequence"] = ("mix-sequence", True)  # and this
 _MOST_LOCAL_WORKERS = 256
 #: A day.
 _MOST_SECONDS = 86400.0

@@ -28,6 +28,28 @@ _NUMBERED = re.compile(r"(.*?)([0-9]+)([^0-9]*)")
 _MOST_NAMED = 5
 
 
+def frames_by_number(path: Path) -> dict[int, Path]:
+    """Files of the sequence that a file is one of, by frame; none where its name has no number.
+
+    Raises
+    ------
+    LayersError
+        If there is no such file.
+    """
+    if not path.is_file():
+        raise LayersError(f"there is no file {path}")
+    match = _NUMBERED.fullmatch(path.name)
+    if match is None:
+        return {}
+    before, _, after = match.groups()
+    frames: dict[int, Path] = {}
+    for other in path.parent.iterdir():
+        found = _NUMBERED.fullmatch(other.name)
+        if found is not None and (found[1], found[3]) == (before, after):
+            frames[int(found[2])] = other
+    return frames
+
+
 def find_frames(path: Path) -> list[Path]:
     """All frames of the sequence that a file is one of, in order.
 
@@ -36,17 +58,9 @@ def find_frames(path: Path) -> list[Path]:
     LayersError
         If it is no such file, is the only one, or if frames are missing between others.
     """
-    match = _NUMBERED.fullmatch(path.name)
-    if match is None:
+    frames = frames_by_number(path)
+    if not frames:
         raise LayersError(f"{path.name} has no frame number in its name: choose one frame of a sequence")
-    if not path.is_file():
-        raise LayersError(f"there is no file {path}")
-    before, _, after = match.groups()
-    frames: dict[int, Path] = {}
-    for other in path.parent.iterdir():
-        found = _NUMBERED.fullmatch(other.name)
-        if found is not None and (found[1], found[3]) == (before, after):
-            frames[int(found[2])] = other
     numbers = sorted(frames)
     if len(numbers) < 2:
         raise LayersError(f"{path} is the only frame: a sequence has two or more")

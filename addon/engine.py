@@ -13,8 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import checkpoints, denoise_over_time, figures, freestyle, material_preview, passes, sequence
-from .frame_parts import is_only_picture, layer_count, part_count, place
+from . import (
+    checkpoints,
+    denoise_over_time,
+    figures,
+    freestyle,
+    light_mix_picture,
+    material_preview,
+    passes,
+    sequence,
+)
+from .frame_parts import is_only_picture, part_count, place, total_fraction
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
@@ -280,7 +289,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         title = f"Frame {depsgraph.scene.frame_current} {shown}"
 
         def on_progress(progress: Any) -> None:
-            fraction = self._total_fraction(depsgraph, progress.fraction)
+            fraction = total_fraction(depsgraph.scene, self._layers_done, progress.fraction)
             self.update_progress(fraction)
             if waiting is not None:
                 waiting.update(progress)
@@ -355,7 +364,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             cancelled = report.cancelled
             if cancelled and not report.sample_count:
                 raise _NothingRendered
-            self._write(target.layers[0], view, wanted, result.passes)
+            kept = light_mix_picture.note(
+                result.passes, depsgraph.view_layer_eval,
+                lambda images: self._write(target.layers[0], view, wanted, images),
+            )
             # With it the film goes, before Blender makes a copy of its own.
             del result
             keep = self._has_picture = True
@@ -371,6 +383,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         for doing, work in (
             ("keeping what was learned", lambda: self._show(self._fields.take(learned))),
             ("saying how the render went", lambda: self._report_result(depsgraph, report)),
+            ("keeping light groups", lambda: light_mix_picture.keep(self, depsgraph, view, description, kept)),
             ("naming what is in mattes", lambda: figures.stamp_mattes(self, depsgraph.view_layer_eval, description)),
         ):
             self._attempt(doing, work, "the picture is whole")
@@ -505,10 +518,6 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def _should_cancel(self) -> bool:
         return self.test_break() or any(hook() for hook in cancel_hooks)
-
-    def _total_fraction(self, depsgraph: bpy.types.Depsgraph, fraction: float) -> float:
-        """Progress over all view layers of the frame."""
-        return min((self._layers_done + fraction) / max(layer_count(depsgraph.scene), 1), 1.0)
 
 
 @bpy.app.handlers.persistent

@@ -65,6 +65,24 @@ class LayeredImage:
         part, columns = found
         return np.ascontiguousarray(self.parts[part][::-1, :, columns])
 
+    def passes(self, layer: str) -> list[str]:
+        """Names of passes of a view layer, in the file's order."""
+        names = [name.rpartition(".")[0] for spec in self.specs for name in spec.channelnames]
+        start = f"{layer}." if layer else ""
+        return list(dict.fromkeys(name[len(start) :] for name in names if name.startswith(start)))
+
+    def metadata(self, field: str) -> str:
+        """A field of the file's metadata, '' where it has none of the name."""
+        values = (spec.getattribute(field) for spec in self.specs)
+        return next((str(value) for value in values if value is not None), "")
+
+    def stamped(self, field: str, value: str) -> LayeredImage:
+        """The same with a field of metadata set."""
+        specs = [_library().ImageSpec(spec) for spec in self.specs]
+        for spec in specs:
+            spec.attribute(field, value)
+        return replace(self, specs=specs)
+
     def changed(self, layer: str, name: str, channels: str, pixels: npt.NDArray[np.float32]) -> LayeredImage:
         """The same with other pixels in a pass that it has, (height, width, channels), row 0 at the bottom."""
         found = self.find(layer, name, channels)

@@ -25,3 +25,8 @@ def is_only_picture(scene: bpy.types.Scene) -> bool:
 def place(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:
     """Scene, view layer and, in stereo, view, as Cycles names them."""
     return ", ".join(name for name in (depsgraph.scene.name, depsgraph.view_layer_eval.name, view) if name)
+
+
+def total_fraction(scene: bpy.types.Scene, layers_done: int, fraction: float) -> float:
+    """Progress over all view layers of a frame, of so many and a part of the next."""
+    return min((layers_done + fraction) / max(layer_count(scene), 1), 1.0)

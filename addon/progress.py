@@ -6,9 +6,12 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from . import console
+
+if TYPE_CHECKING:
+    pass
 
 _BAR_WIDTH = 24
 

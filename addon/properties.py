@@ -8,11 +8,20 @@ from collections.abc import Iterable
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from engine.settings import MAX_SEED, RenderSettings, Setting
 
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, scene_default, setting_owner
+from .light_mix_properties import NeuralGuideLightMixGroup, mix_changed
 from .shared_settings import SHARED_SETTINGS, setting_value, thread_count
 
 _KINDS = {bool: BoolProperty, int: IntProperty, float: FloatProperty, str: StringProperty}
@@ -71,7 +80,12 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
     """
 
     __annotations__ = _properties(setting for setting in SCENE_SETTINGS.values() if not setting.is_experiment) | {
-        EXPERIMENT: PointerProperty(type=NeuralGuideExperimentSettings)
+        EXPERIMENT: PointerProperty(type=NeuralGuideExperimentSettings),
+        "light_mix": CollectionProperty(type=NeuralGuideLightMixGroup),
+        "use_light_mix": BoolProperty(
+            name="Light Mix", description="Show the picture with its light groups mixed; off: as it was rendered",
+            default=True, update=mix_changed,
+        ),
     }
 
 
@@ -164,6 +178,7 @@ def render_settings(scene: bpy.types.Scene) -> RenderSettings:
 
 _classes = (
     NeuralGuideExperimentSettings,
+    NeuralGuideLightMixGroup,
     NeuralGuideSceneSettings,
     NeuralGuideMaterialSettings,
     NeuralGuideViewLayerSettings,

@@ -349,6 +349,7 @@ class NEURALGUIDE_PT_light_groups(RenderPanel, bpy.types.Panel):  # noqa: N801
         buttons.operator("scene.view_layer_remove_lightgroup", icon="REMOVE", text="")
         buttons.separator()
         buttons.menu("VIEWLAYER_MT_lightgroup_sync", icon="DOWNARROW_HLT", text="")
+        self.layout.operator_menu_enum("neuralguide.make_light_groups", "by")
 
 
 class NEURALGUIDE_PT_dispersion(RenderPanel, bpy.types.Panel):  # noqa: N801

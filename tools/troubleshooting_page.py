@@ -37,10 +37,20 @@ TOPICS = (
         "Denoising a sequence of frames",
         (
             "addon/denoise_sequence.py", "addon/denoise_after_render.py", "addon/denoise_over_time.py",
-            "addon/exr_layers.py", "addon/sequence_operator.py",
+            "addon/exr_layers.py", "addon/frame_by_frame.py",
         ),
         "Nothing is changed but files in the folder of denoised frames; those that are finished stay. "
         "[denoised-animations.md](denoised-animations.md) says what frames must have.",
+    ),
+    Topic(
+        "Mixing lights",
+        (
+            "addon/light_mix.py", "addon/light_mix_lamps.py", "addon/light_mix_operator.py", "addon/light_mix_panel.py",
+            "addon/light_mix_picture.py", "addon/light_mix_sequence.py", "addon/make_light_groups.py",
+            "addon/cli_mixing.py", "engine/render/light_mix.py",
+        ),
+        "The picture is there as it was rendered. [light-mixing.md](light-mixing.md) says what a mix needs, and what "
+        "can be written back to lamps.",
     ),
     Topic(
         "The command line", ("addon/cli.py", "addon/cli_arguments.py", "addon/output_files.py"),

@@ -13,6 +13,7 @@ from benchmarks import metrics
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.scene_files import SceneSource, open_scene
 from benchmarks.scenes import SCENES
+from tests.helpers.light_groups import grouped
 from tests.helpers.light_sums import LOBES, lit_by, sum_of_passes
 from tests.helpers.pass_files import NAMES, ask_for_passes, render_passes
 from tests.helpers.pass_scenes import make_material, see_through
@@ -134,25 +135,6 @@ def test_passes_are_those_of_cycles(name: str, tmp_path: Path, blender: Any) -> 
 @pytest.mark.parametrize("name", [*MANY, *ALWAYS])
 def test_passes_are_those_of_cycles_in_many_scenes(name: str, tmp_path: Path, blender: Any) -> None:
     check_against_cycles(name, tmp_path, samples=max(SCENES[name].samples, 32), seed_count=4)
-
-
-def grouped(scene: Any) -> None:
-    """The cube scene with the sun, a cube that glows and the world in groups of their own."""
-    import bpy
-
-    layer = scene.view_layers[0]
-    for name in ("Key", "Glow", "Sky"):
-        layer.lightgroups.add(name=name)
-    scene.objects["Sun"].lightgroup = "Key"
-    bpy.ops.mesh.primitive_cube_add(size=0.5, location=(2.0, -1.0, 0.0))
-    lamp = bpy.context.object
-    lamp.lightgroup = "Glow"
-    material = bpy.data.materials.new("Glow")
-    material.use_nodes = True
-    material.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = 5.0
-    lamp.data.materials.append(material)
-    scene.world = bpy.data.worlds.new("World")
-    scene.world.lightgroup = "Sky"
 
 
 def test_light_groups_are_passes_and_their_sum_is_the_picture(cube_scene: Any, tmp_path: Path) -> None:

@@ -10,51 +10,7 @@ from typing import Any
 import pytest
 
 from tests.helpers.blender_scenes import stand_in
-
-
-class Layout:
-    """Notes what a panel draws: owners and names of properties, texts, operators, and choices of menus."""
-
-    def __init__(self) -> None:
-        self.drawn: list[tuple[Any, str]] = []
-        self.texts: list[str] = []
-        self.operators: list[str] = []
-        self.popovers: list[str] = []
-        self.choices: list[str] = []
-        self.active = self.enabled = True
-
-    def prop(self, owner: Any, name: str, **look: Any) -> None:
-        getattr(owner, name)
-        self.drawn.append((owner, name))
-        self.texts.append(look.get("text") or owner.bl_rna.properties[name].name)
-
-    def prop_enum(self, _owner: Any, _name: str, value: str) -> None:
-        self.choices.append(value)
-
-    def menu(self, name: str, text: str) -> None:
-        import bpy
-
-        self.texts.append(text)
-        getattr(bpy.types, name).draw(SimpleNamespace(layout=self), bpy.context)
-
-    def popover(self, panel: str, **_look: Any) -> None:
-        self.popovers.append(panel)
-
-    def column(self, heading: str = "", **_look: Any) -> Layout:
-        self.texts += [heading] if heading else []
-        return self
-
-    row = box = split = column
-
-    def label(self, text: str = "", **_look: Any) -> None:
-        self.texts.append(text)
-
-    def template_curve_mapping(self, owner: Any, name: str) -> None:
-        self.prop(owner, name)
-
-    def operator(self, name: str, **_look: Any) -> Any:
-        self.operators.append(name)
-        return SimpleNamespace()
+from tests.helpers.panel_layout import Layout
 
 
 def draw(panel: Any, context: Any) -> Layout:
@@ -72,7 +28,7 @@ def render_panels() -> list[Any]:
     import bpy
 
     panels = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("NEURALGUIDE_PT_")]
-    return [panel for panel in panels if panel.bl_context == "render"]
+    return [panel for panel in panels if getattr(panel, "bl_context", "") == "render"]
 
 
 def draw_all(context: Any) -> Layout:

@@ -98,7 +98,8 @@ def test_properties_are_what_the_declarations_say(blender: Any) -> None:
     from addon.declared_settings import SCENE_SETTINGS, setting_owner
 
     scene = blender.context.scene
-    groups = {"name", "rna_type", "experiment"}
+    # The light mix changes pictures, not renders.
+    groups = {"name", "rna_type", "experiment", "light_mix", "use_light_mix"}
     for is_experiment, owner in ((False, scene.neuralguide), (True, scene.neuralguide.experiment)):
         declared = {setting.name for setting in SCENE_SETTINGS.values() if setting.is_experiment == is_experiment}
         assert set(owner.bl_rna.properties.keys()) - groups == declared

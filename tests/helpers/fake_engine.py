@@ -35,6 +35,8 @@ class FakeEngine:
         self.caches: list[Any] = []
         self.asked_passes: list[set[str]] = []
         self.learned: Any = None
+        #: In place of the pixels of `FakeSession`, by pass.
+        self.pictures: dict[str, Any] = {}
         self.kernels = "kernels: none"
         self.started_from: list[Any] = []
         self.exported: list[tuple[str, int]] = []
@@ -106,7 +108,7 @@ class FakeSession:
         images = {"Combined": np.stack([x, y, np.full_like(x, self.settings.samples), np.ones_like(x)], axis=-1)}
         for index, name in enumerate(sorted(passes - {"Combined"})):
             images[name] = np.stack([x + 1000 * index] * 4, axis=-1)
-        return images
+        return images | {name: image[y0:y1, x0:x1] for name, image in self.fake.pictures.items() if name in images}
 
     def render(
         self, *, on_progress: Any, on_image: Any, should_cancel: Any, passes: set[str], source: Any, start: Any,
