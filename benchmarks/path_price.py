@@ -152,7 +152,8 @@ def draw(found: Mapping[str, Mapping[str, MethodCost]], to: Path) -> None:
     figure = Figure(figsize=(2.6 * columns, 2.3 * rows + 0.4), layout="constrained")
     FigureCanvasSVG(figure)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    for panel, (scene, costs) in zip(panels, found.items(), strict=False):
+    for at, (panel, (scene, costs)) in enumerate(zip(panels, found.items(), strict=False)):
+        panel.tick_params(labelbottom=at + columns >= len(found))  # The last row need not be full.
         base = costs[BASE]
         for method, cost in costs.items():
             look = LOOKS.get(method, Look("black", "x"))
