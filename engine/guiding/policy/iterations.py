@@ -101,6 +101,8 @@ class RecordBudget:
         Whether few are wanted, since nobody knows yet whether what is learned pays.
     samples_left : float
         Samples a pixel to come after the iteration, as far as it is known; 0: nobody will go by what it records.
+    samples_to_come : float
+        The same, whoever goes by what it records; 0: it is not known yet.
     """
 
     def __init__(
@@ -113,6 +115,7 @@ class RecordBudget:
         self.records_per_path = rules.expected_records_per_path
         self.is_frugal = False
         self.samples_left = math.inf
+        self.samples_to_come = 0.0
 
     def count(self, record_count: int, path_count: float) -> None:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
@@ -128,7 +131,8 @@ class RecordBudget:
         of_image = max(expected * self.paths_per_sample * pixel_share, 1.0)
         wanted: float = self._wanted
         if self.is_frugal:
-            wanted = min(wanted, max(rules.few_records, rules.few_share * of_image))
+            of_render = rules.few_per_path_left * self.samples_to_come * self.paths_per_sample
+            wanted = min(wanted, max(rules.few_records, rules.few_share * of_image, of_render))
         if self.samples_left <= 0.0:
             return 0
         of_rest = rules.records_per_path_left * self.samples_left * self.paths_per_sample

@@ -81,16 +81,20 @@ class GuidedRecording(Recording):
         self._needs_all = source is not None
 
     def first(self) -> Guidance:
+        settings = self._context.settings
         self.budget.is_frugal = self._guiding.is_doubtful
-        return Guidance(self._context.settings, self.budget.threshold(self._first_samples))
+        if settings.time_limit == 0.0:  # Else nobody knows how many samples it has time for.
+            self.budget.samples_to_come = float(max(settings.samples - self._first_samples, 0))
+        return Guidance(settings, self.budget.threshold(self._first_samples))
 
     def next(self, iteration: Iteration, agenda: Agenda) -> Guidance:
         settings, budget = self._context.settings, self.budget
         if iteration.is_early:
             weights = None if self._context.light_clusters is None else iteration.image.weights
             return Guidance(settings, int(iteration.traced.recorded_share * 2**32), pixel_weight=weights)
+        left = iteration.samples_left - iteration.next_range[1]
+        budget.samples_to_come = max(left, 0.0)
         if not self._needs_all and (self._cache is None or self._cache.is_over):
-            left = iteration.samples_left - iteration.next_range[1]
             budget.samples_left = 0.0 if iteration.is_next_last else max(left, 1.0)
         if self._source is not None and self._source.is_over:
             # From the next iteration on: what stands in for the source has learned from all of this one.

@@ -39,6 +39,18 @@ def test_few_paths_are_recorded_while_nobody_knows_whether_it_pays() -> None:
         assert found / 2**32 == pytest.approx(min(share_of_all, before / 2**32), rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("pixels", "samples", "records"),
+    [(14_400, 24, 1 << 15), (100_000, 56, 112_000), (400_000, 24, 192_000), (1 << 20, 1000, 1 << 18)],
+)
+def test_what_is_still_to_come_pays_for_records_before_anybody_knows(pixels: int, samples: int, records: int) -> None:
+    """In large and long renders early iterations teach the guide more, as all later samples are drawn by it."""
+    budget = RecordBudget(pixels, 16)
+    budget.is_frugal = True
+    budget.samples_to_come = samples
+    assert budget.threshold(1.0) / 2**32 * 4.0 * pixels == pytest.approx(records, rel=1e-3)
+
+
 def test_fewer_paths_are_recorded_where_little_is_left() -> None:
     """In proportion to the paths to come, but not below what a trial has; of the last iteration none."""
     pixels = 14_400
