@@ -21,7 +21,7 @@ def test_guiding_changes_no_mean_of_fur(shape: str) -> None:
     """
     scene = fur_scene(shape)
     settings = {"guiding_method": "VMM", "guiding_trial": False, "learn_guiding_probability": False}
-    plain, learned = (means_by_seed(scene, samples=128, seeds=12, **given) for given in ({}, settings))
+    plain, learned = (means_by_seed(scene, samples=640, seeds=12, **given) for given in ({}, settings))
     error = np.hypot(plain.std(axis=0, ddof=1), learned.std(axis=0, ddof=1)) / np.sqrt(12)
     assert (4.0 * error <= 0.01 * plain.mean(axis=0)).all()
     assert (np.abs(plain.mean(axis=0) - learned.mean(axis=0)) <= 4.0 * error).all()
