@@ -127,6 +127,20 @@ def test_pages_name_sources_that_exist() -> None:
     assert [f"{page.relative_to(ROOT)}: {path}" for page, path in named if not any(ROOT.glob(path))] == []
 
 
+def test_pages_name_tests_that_exist() -> None:
+    named = [
+        (page, *match.groups())
+        for page in repository_files("docs/*.md")
+        for match in re.finditer(r"`(tests/[\w/]+\.py)::(\w+)`", page.read_text("utf-8"))
+    ]
+    assert len(named) > 30
+    assert [
+        f"{page.relative_to(ROOT)}: {path}::{name}"
+        for page, path, name in named
+        if f"def {name}(" not in (ROOT / path).read_text("utf-8")
+    ] == []
+
+
 def _commands() -> Iterator[tuple[Path, str, str]]:
     """Page, program and what it runs: targets of make, and modules that Python runs."""
     for page in repository_files("*.md"):

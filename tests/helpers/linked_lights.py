@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from engine.scene.description import SceneDescription
 from engine.scene.linking import ALL_SETS, Linking
+from tests.helpers.small_scenes import pit_scene
 
 
 def no_linking(instance_count: int, light_count: int) -> Linking:
@@ -26,3 +28,24 @@ def linkings(instance_count: int, light_count: int) -> list[Linking]:
     return [
         replace(plain, receiver_set=sets, lamp_receivers=lit), replace(plain, blocker_set=sets, lamp_blockers=hidden)
     ]  # fmt: skip
+
+
+def half_lit_pit() -> SceneDescription:
+    """A pit whose floor is in two halves: the sun does not light the one where x is below 0."""
+    scene = pit_scene((24, 24))
+    flat = scene.instances
+    for name in ("transform", "mesh", "material_offset", "visibility", "pass_index", "random", "color", "is_holdout",
+                 "dupli_generated", "dupli_uv", "materials"):  # fmt: skip
+        values = np.asarray(getattr(flat, name))
+        setattr(flat, name, np.concatenate([values[:1], values]))
+    flat.name = ["Left", *flat.name]
+    extent = float(np.abs(scene.meshes[0].vertices[:, 0]).max())
+    for index, side in enumerate((-1.0, 1.0)):
+        half = np.diag(np.array([0.5, 1.0, 1.0, 1.0], np.float32))
+        half[0, 3] = 0.5 * side * extent
+        flat.transform[index] = half
+    count = len(flat.transform)
+    scene.linking = no_linking(count, 1)
+    scene.linking.receiver_set[0] = 1
+    scene.linking.lamp_receivers[:] = ALL_SETS - 2
+    return scene

@@ -12,6 +12,7 @@ from engine.guiding.neural.sources import network_design
 from engine.guiding.policy import sets
 from engine.guiding.records.vertices import allocate_vertex_records, compensate
 from engine.methods import SOURCES
+from tests.helpers.pits import PITS
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene, pit_scene
 from tests.helpers.some_cases import every
@@ -85,6 +86,28 @@ def test_the_image_of_trees_does_not_depend_on_threads(method):
 @pytest.mark.parametrize("method", ["VMM", "SDTREE"])
 def test_compensation_leaves_the_mean_unchanged(method, plain):
     check_mean(means(method, mis_compensation=True), plain)
+
+
+@pytest.mark.parametrize("method", ["VMM", pytest.param("NPM", marks=LONG)])
+@pytest.mark.parametrize("scene", PITS.values(), ids=PITS)
+def test_whatever_the_camera_sees_the_mean_is_unchanged(scene, method, monkeypatch):
+    """Light and alpha of a transparent film, each within four standard errors."""
+    monkeypatch.setattr(
+        sets, "make_source_model",
+        lambda settings, make=sets.make_source_model: Untrained(settings, 4.0) if method == "NPM" else make(settings),
+    )  # fmt: skip
+
+    def means(method, first, **settings):
+        renders = [render(method, first + k, scene=scene, film_transparent=True, **settings) for k in range(SEEDS)]
+        assert all(found.report.guiding.candidates_per_vertex == (method != "OFF") for found in renders)
+        return np.array([found.passes["Combined"].mean(axis=(0, 1), dtype=np.float64) for found in renders])
+
+    settings = LONGEST | {"samples": 63 if method == "NPM" else 31}
+    plain, guided = means("OFF", 100, **settings), means(method, 0, learn_guiding_probability=False, **settings)
+    error = np.sqrt((guided.var(axis=0, ddof=1) + plain.var(axis=0, ddof=1)) / SEEDS)
+    assert (np.abs(guided.mean(axis=0) - plain.mean(axis=0)) < Z_LIMIT * error + 1e-6).all()
+    # The test can see a bias of 3%.
+    assert (Z_LIMIT * error < 0.03 * plain.mean(axis=0)).all()
 
 
 def test_compensation_leaves_what_the_bsdf_cannot_do():

@@ -5,34 +5,11 @@ import numpy as np
 import pytest
 
 from engine.guiding.policy.learnables.cache import LearnedCache
-from engine.scene.linking import ALL_SETS
-from tests.helpers.linked_lights import no_linking
+from tests.helpers.linked_lights import half_lit_pit
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
-from tests.helpers.small_scenes import pit_scene
 
 SETTINGS = {"samples": 31, "max_bounces": 32, "diffuse_bounces": 32, "light_sampling_threshold": 0.0}
 SEEDS = 4
-
-
-def half_lit_pit():
-    """A pit whose floor is in two halves: the sun does not light the one where x is below 0."""
-    scene = pit_scene((24, 24))
-    flat = scene.instances
-    for name in ("transform", "mesh", "material_offset", "visibility", "pass_index", "random", "color", "is_holdout",
-                 "dupli_generated", "dupli_uv", "materials"):  # fmt: skip
-        values = np.asarray(getattr(flat, name))
-        setattr(flat, name, np.concatenate([values[:1], values]))
-    flat.name = ["Left", *flat.name]
-    extent = float(np.abs(scene.meshes[0].vertices[:, 0]).max())
-    for index, side in enumerate((-1.0, 1.0)):
-        half = np.diag(np.array([0.5, 1.0, 1.0, 1.0], np.float32))
-        half[0, 3] = 0.5 * side * extent
-        flat.transform[index] = half
-    count = len(flat.transform)
-    scene.linking = no_linking(count, 1)
-    scene.linking.receiver_set[0] = 1
-    scene.linking.lamp_receivers[:] = ALL_SETS - 2
-    return scene
 
 
 def means(cache, first):

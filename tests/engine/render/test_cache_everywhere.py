@@ -6,6 +6,7 @@ import pytest
 
 from engine.scene.description import Light, World
 from tests.helpers.media_scenes import volume_graph
+from tests.helpers.pits import PITS
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import pit_scene
 
@@ -55,7 +56,7 @@ def means(scene, cache, first, **settings):
     return np.array(found), min(ended)
 
 
-CASES = {"motion": moving_pit, "fog": foggy_pit}
+CASES = {"motion": moving_pit, "fog": foggy_pit, **PITS}
 
 
 @pytest.mark.parametrize("scene", CASES.values(), ids=CASES)

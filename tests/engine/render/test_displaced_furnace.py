@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from engine.array_types import Float32Array
+from engine.render.report import RenderResult
 from engine.render.session import Session
-from engine.scene.description import Link, Material, Mesh, Node, NodeGraph, World
+from engine.scene.description import Link, Material, Mesh, Node, NodeGraph, SceneDescription, World
 from engine.scene.dicing import Dicing
 from engine.scene.instances import plain_instances
 from engine.settings import RenderSettings
@@ -46,21 +49,42 @@ def white() -> Material:
     return Material("white", "white", graph, displacement_method="DISPLACEMENT")
 
 
-def test_a_white_displaced_sphere_is_white() -> None:
+def bumpy_sphere() -> SceneDescription:
+    """Before a white sky that no light sample looks for."""
     world = World("white", "White", None, color=(1.0, 1.0, 1.0), sampling="NONE")
-    description = replace(
+    return replace(
         floor_scene(size=(24, 24)), camera=looking_down(4.0), meshes=[octahedron()], materials=[white()],
         instances=plain_instances(np.eye(4)), world=world, lights=[],
     )  # fmt: skip
-    settings = RenderSettings(
-        samples=32, threads=1, guiding_method="OFF", max_bounces=512, diffuse_bounces=512, seed=3,
-        use_russian_roulette=False,
-    )
-    session = Session(settings)
-    session.load(description)
-    passes = session.render(passes={"Combined", "Depth"}).passes
-    image, depth = passes["Combined"][..., :3], passes["Depth"][..., 0]
-    seen = depth < 100.0
+
+
+def seen_of(result: RenderResult) -> Float32Array:
+    """Pixels that show the sphere, float32 (N, 3)."""
+    seen = result.passes["Depth"][..., 0] < 100.0
     assert 60 < seen.sum() < 500
+    return result.passes["Combined"][seen][:, :3]
+
+
+def render(**settings: Any) -> RenderResult:
+    """Paths of any length."""
+    chosen = {"threads": 1, "max_bounces": 512, "diffuse_bounces": 512, "use_russian_roulette": False, **settings}
+    session = Session(RenderSettings(**chosen))
+    session.load(bumpy_sphere())
+    result = session.render(passes={"Combined", "Depth"})
+    session.close()
+    return result
+
+
+def test_a_white_displaced_sphere_is_white() -> None:
     # Each path ends in the world with a throughput of 1, whatever it has met.
-    assert np.allclose(image[seen], 1.0, atol=2e-3)
+    assert np.allclose(seen_of(render(samples=32, seed=3)), 1.0, atol=2e-3)
+
+
+def test_it_stays_white_while_paths_are_guided() -> None:
+    """Within four standard errors of six renders, which are less than a hundredth."""
+    forced = {"guiding_method": "VMM", "guiding_trial": False, "learn_guiding_probability": False}
+    results = [render(samples=63, seed=seed, **forced) for seed in range(6)]
+    assert all(result.report.guiding.candidates_per_vertex == 1.0 for result in results)
+    means = np.array([seen_of(result).mean(dtype=np.float64) for result in results])
+    error = means.std(ddof=1) / np.sqrt(len(means))
+    assert abs(means.mean() - 1.0) < 4.0 * error + 1e-4 and error < 0.0025

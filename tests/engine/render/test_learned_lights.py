@@ -11,6 +11,7 @@ import pytest
 import engine.guiding.models.light_selection as light_selection
 from engine.settings import RenderSettings
 from tests.helpers.light_probe import lamp
+from tests.helpers.linked_lights import half_lit_pit, no_linking
 from tests.helpers.seeded_renders import Z_LIMIT, render, z_score
 from tests.helpers.small_scenes import corner_scene
 
@@ -80,6 +81,28 @@ def test_the_mean_is_right_whatever_each_direction_chooses(monkeypatch):
     found = images("OFF", 0, "LEARNED", scene=large_lamp).mean(axis=(1, 2, 3))
     assert z_score(found, plain) < Z_LIMIT
     assert z_score(1.02 * found, plain) > Z_LIMIT
+
+
+def linked_pit():
+    """A sun and a lamp that scattered rays find too, neither of which lights one half of the floor."""
+    scene = half_lit_pit()
+    linking = no_linking(len(scene.instances.mesh), 2)
+    scene.linking = replace(
+        linking, receiver_set=scene.linking.receiver_set, lamp_receivers=np.repeat(scene.linking.lamp_receivers, 2)
+    )
+    scene.lights = [*scene.lights, lamp("POINT", (-1.0, 0.5, 1.0), energy=100.0, radius=0.4)]
+    return scene
+
+
+@pytest.mark.slow  # compiles stages for links
+def test_guided_paths_find_no_lamp_that_does_not_light_what_they_leave():
+    settings = {"scene": linked_pit, "max_bounces": 12, "diffuse_bounces": 12, "light_sampling_threshold": 0.0}
+    plain = images("OFF", 100, "TREE", **settings).mean(axis=(1, 2, 3))
+    guided = images("VMM", 0, "AUTO", guiding_trial=False, learn_guiding_probability=False, **settings)
+    found = guided.mean(axis=(1, 2, 3))
+    assert z_score(found, plain) < Z_LIMIT
+    # The test can see a bias of 3%.
+    assert z_score(1.03 * found, plain) > Z_LIMIT
 
 
 def test_the_image_does_not_depend_on_threads():

@@ -13,6 +13,7 @@ from engine.scene.rounds import RIBBONS
 from engine.settings import RenderSettings
 from tests.helpers.fur_scenes import chiang, fur_scene, hair_fibre
 from tests.helpers.light_sums import sum_of_passes
+from tests.helpers.seeded_renders import Z_LIMIT, z_score
 from tests.helpers.small_scenes import corner_scene, floor_scene, material, sun
 from tests.helpers.subsurface_scenes import below, box_scene
 
@@ -179,6 +180,23 @@ def test_light_groups_are_their_lights_alone():
     assert only.mean() > 0.0
     # The tree picks lights at random.
     assert images[names[1]].mean(axis=(0, 1)) == pytest.approx(only.mean(axis=(0, 1)), rel=0.05)
+
+
+def test_guided_light_is_in_the_group_of_its_light():
+    """Each group's mean is that of unguided paths, and their sum is the picture."""
+    names = [group_pass(group) for group in grouped_scene().light_groups]
+    means = {}
+    for method in ("OFF", "VMM"):
+        found = []
+        for seed in range(6):
+            settings = {"guiding_method": method, "guiding_trial": False, "learn_guiding_probability": False}
+            images = render(grouped_scene(), ["Combined", *names], samples=31, seed=seed, **settings).passes
+            combined = images["Combined"][..., :3]
+            assert np.allclose(sum(images[name] for name in names), combined, rtol=1e-4, atol=1e-5 * combined.max())
+            found.append([images[name].mean() for name in names])
+        means[method] = np.array(found)
+    for plain, guided in zip(means["OFF"].T, means["VMM"].T, strict=True):
+        assert z_score(guided, plain) < Z_LIMIT and guided.mean() == pytest.approx(plain.mean(), rel=0.02)
 
 
 def test_light_of_no_group_is_in_no_pass():

@@ -22,7 +22,8 @@ from engine.viewport.handle import ViewProcess
 from engine.viewport.protocol import DEAD, FAILED, PAUSED, RENDERING
 from engine.viewport.view import Update
 from tests.helpers.media_scenes import media_scene, medium, placed
-from tests.helpers.small_scenes import floor_scene, looking_down, sun
+from tests.helpers.seeded_renders import Z_LIMIT, z_score
+from tests.helpers.small_scenes import floor_scene, looking_down, pit_scene, sun
 from tests.helpers.views import SETTINGS, is_running, result_of, view, wait_for, whole
 from tests.helpers.waiting import NEVER, wait_until
 
@@ -119,6 +120,22 @@ def test_two_views_at_once_do_not_meet(process: ViewProcess) -> None:
         assert np.allclose(result_of(process).pixels[..., :3], 1.0 / np.pi, rtol=1e-4)
     finally:
         other.close()
+
+
+def test_a_guided_view_has_the_mean_of_an_unguided_one(process: ViewProcess) -> None:
+    means: dict[str, list[float]] = {"OFF": [], "VMM": []}
+    for method, found in means.items():
+        for seed in range(4):
+            settings = replace(
+                SETTINGS, guiding_method=method, guiding_trial=False, learn_guiding_probability=False, samples=63,
+                seed=seed,
+            )  # fmt: skip
+            process.send(whole(pit_scene(), settings))
+            found.append(float(result_of(process).pixels[..., :3].mean()))
+    plain, guided = (np.array(found) for found in means.values())
+    assert z_score(guided, plain) < Z_LIMIT and not np.isin(guided, plain).any()
+    # The test can see a bias of 5%.
+    assert z_score(1.05 * guided, plain) > Z_LIMIT
 
 
 @pytest.mark.skipif(bool(library.problem()), reason="no Open Image Denoise")

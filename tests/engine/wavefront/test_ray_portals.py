@@ -19,9 +19,10 @@ from engine.state.shaders import (
     PROGRAM_HAS_SUBSURFACE,
     PROGRAM_MAY_BE_TRANSPARENT,
 )
-from tests.helpers.media_renders import picture
+from tests.helpers.media_renders import picture, render
 from tests.helpers.media_scenes import media_scene, placed
 from tests.helpers.shader_harness import Graph, compile_one, run
+from tests.helpers.small_scenes import pit_scene
 
 TINT = (0.9, 0.6, 0.3)
 COLOR = (*TINT, 1.0)
@@ -78,3 +79,31 @@ def test_a_portal_that_says_nothing_lets_all_through() -> None:
     """Rays go on from where they are: twice through a box, tinted by each side."""
     image = picture(media_scene([_portal()], [placed()]), samples=4)
     np.testing.assert_allclose(image[..., :3].mean(axis=(0, 1)), np.square(TINT), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"guiding_method": "VMM", "learn_guiding_probability": False}, {"radiance_cache": "CONVERGING"}],
+    ids=["guided", "with the cache"],
+)
+def test_what_is_learned_through_a_portal_changes_no_mean(settings: dict[str, Any]) -> None:
+    """One of a pit's walls leads to its middle: what paths find behind it teaches what they met before."""
+    scene = pit_scene((16, 16))
+    portal = _portal(Position=Link(3, "Vector"))
+    assert portal.graph is not None
+    portal.graph.nodes[3].inputs.update(X=0.0, Z=1.0)
+    scene.materials.append(portal)
+    scene.instances.material_offset, scene.instances.materials = np.arange(5), np.array([0, 1, 0, 0, 0], np.int32)
+    long = {"samples": 63, "max_bounces": 32, "diffuse_bounces": 32, "guiding_trial": False}
+    means = []
+    for given in ({}, settings):
+        results = [render(scene, seed=seed, **long, **given) for seed in range(6)]
+        for report in (result.report for result in results):
+            assert (report.guiding.candidates_per_vertex == 1.0) == ("guiding_method" in given)
+            assert (sum(report.cached_shares) > 0.2) == ("radiance_cache" in given)
+        means.append(np.array([found.passes["Combined"][..., :3].mean(axis=(0, 1)) for found in results], np.float64))
+    plain, learned = means
+    error = np.hypot(plain.std(axis=0, ddof=1), learned.std(axis=0, ddof=1)) / np.sqrt(6)
+    assert (np.abs(plain.mean(axis=0) - learned.mean(axis=0)) <= 4.0 * error).all()
+    # The test can see a bias of 3%.
+    assert (4.0 * error < 0.03 * plain.mean(axis=0)).all()
