@@ -193,18 +193,16 @@ class CommandLineRenderer:
     _do_resume_or_fail = _do_resume
 
     def _do_denoise_sequence(self, path: str) -> None:
-        try:
-            paths = find_frames(Path(path).resolve())
-            failure = denoise_frames(paths, self._threads or 0, lambda: self.is_interrupted)
-        except (LayersError, OSError) as error:
-            raise CommandLineError(f"--denoise-sequence: {error}") from None
-        self.failures += [failure] if failure else []
+        self._work_on_files("--denoise-sequence", lambda *how: denoise_frames(find_frames(Path(path).resolve()), *how))
 
     def _do_mix_sequence(self, path: str) -> None:
+        self._work_on_files("--mix-sequence", lambda *how: mix_frames(self._scene, Path(path).resolve(), *how))
+
+    def _work_on_files(self, option: str, work: Callable[[int, Callable[[], bool]], str]) -> None:
         try:
-            failure = mix_frames(self._scene, Path(path).resolve(), self._threads or 0, lambda: self.is_interrupted)
+            failure = work(self._threads or 0, lambda: self.is_interrupted)
         except (LayersError, OSError) as error:
-            raise CommandLineError(f"--mix-sequence: {error}") from None
+            raise CommandLineError(f"{option}: {error}") from None
         self.failures += [failure] if failure else []
 
     def close(self) -> None:
@@ -303,7 +301,6 @@ class CommandLineRenderer:
     def _trace(self, frames: list[int], paths: Sequence[Path]) -> None:
         """Have Blender render; `paths` are the files that there must be then."""
         scene = self._scene
-        render = scene.render
         started = time.time()
         range_before = scene.frame_start, scene.frame_end
         outcome_count = engine.outcome_count()
@@ -323,13 +320,9 @@ class CommandLineRenderer:
             engine.saves_picture = False
             checkpoints.current = None
         outcomes = engine.outcomes_since(outcome_count)
-        if not problem and status != {"FINISHED"} and not self.is_interrupted:
-            problem = "Blender cancelled the render"
-        if not problem and render.engine == engine.NeuralGuideRenderEngine.bl_idname:
-            problem = _problem_of(outcomes)
         missing = [path for path in paths if not was_written(path, started)]
-        if not problem and missing:
-            problem = f"{missing[0]} was not written: is the folder writable, is the disk full?"
+        is_cancelled = status != {"FINISHED"} and not self.is_interrupted
+        problem = problem or _problem_of(outcomes, missing, is_cancelled=is_cancelled)
         if kept_frame is not None and self.is_interrupted:
             kept_frame.tell_kept(frames[0])
         if not problem:
@@ -345,11 +338,17 @@ class CommandLineRenderer:
         raise RenderFailed(problem + kept)
 
 
-def _problem_of(outcomes: list[engine.Outcome]) -> str:
-    """What the engine says went wrong, '' where nothing did."""
-    if not outcomes:
-        return "no view layer was rendered; is any enabled?"
-    return "; ".join(f"{item.view_layer}: {item.message}" for item in outcomes if item.status == "FAILED")
+def _problem_of(outcomes: list[engine.Outcome], missing: list[Path], *, is_cancelled: bool) -> str:
+    """What went wrong by the word of the engine and by the files that are not there, '' where nothing did."""
+    if is_cancelled:
+        return "Blender cancelled the render"
+    if bpy.context.scene.render.engine == engine.NeuralGuideRenderEngine.bl_idname:
+        if not outcomes:
+            return "no view layer was rendered; is any enabled?"
+        failed = [f"{item.view_layer}: {item.message}" for item in outcomes if item.status == "FAILED"]
+        if failed:
+            return "; ".join(failed)
+    return f"{missing[0]} was not written: is the folder writable, is the disk full?" if missing else ""
 
 
 def _frame_paths(render: bpy.types.RenderSettings, frame: int) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 import time
 from collections import deque
@@ -23,10 +24,10 @@ from . import (
     passes,
     sequence,
 )
+from .failures import what_failed
 from .frame_parts import is_only_picture, part_count, place, total_fraction
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
-from .packages import older_numba
 from .progress import TerminalBar, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
@@ -316,20 +317,20 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
                 description.frame.region = (x0, y0, x0 + target.resolution_x, y0 + target.resolution_y)
             requested = passes.requested_passes(depsgraph.scene_eval, depsgraph.view_layer_eval)
             wanted = {item.name: item for item in requested}
+            write = functools.partial(self._write, target.layers[0], view, wanted)
 
             def show_waiting(picture: Any) -> None:
                 passes.write_layer(target.layers[0], view, {"Combined": passes.COMBINED}, {"Combined": picture})
                 self.update_result(target)
 
-            waiting = None
-            if self.shows_waiting:
-                waiting = WaitingPicture(show_waiting, target.resolution_y, target.resolution_x)
+            height, width = target.resolution_y, target.resolution_x
+            waiting = WaitingPicture(show_waiting, height, width) if self.shows_waiting else None
 
             def on_image(images: Any) -> None:
                 nonlocal keep
                 if waiting is not None:
                     waiting.end()
-                self._write(target.layers[0], view, wanted, images)
+                write(images)
                 keep = self._has_picture = True
                 self.update_result(target)
                 self._note_image()
@@ -364,10 +365,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             cancelled = report.cancelled
             if cancelled and not report.sample_count:
                 raise _NothingRendered
-            kept = light_mix_picture.note(
-                result.passes, depsgraph.view_layer_eval,
-                lambda images: self._write(target.layers[0], view, wanted, images),
-            )
+            kept = light_mix_picture.note(result.passes, depsgraph.view_layer_eval, write)
             # With it the film goes, before Blender makes a copy of its own.
             del result
             keep = self._has_picture = True
@@ -412,20 +410,8 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         try:
             work(depsgraph)
             return
-        except ValueError as error:
-            message = str(error)
-            log_failure(message)
-        except MemoryError:
-            message = f"out of memory while {doing}: lower the resolution, or simplify meshes and textures"
-            log_failure(message)
-        except ModuleNotFoundError as error:
-            message = older_numba() or f"Python package {error.name} is missing: reinstall NeuralGuide, which brings it"
-            log_failure(message)
         except Exception as error:
-            message = older_numba() or f"internal error while {doing}: {type(error).__name__}: {error}"
-            path = log_failure(message)
-            if path is not None:
-                message += f" (details in {path})"
+            message = what_failed(error, doing)
         self._pending = None
         self._note(depsgraph, "FAILED", message)
         if bpy.app.background:
