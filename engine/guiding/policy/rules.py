@@ -220,8 +220,8 @@ class Rules:
     #: from it costs as much as one or two others.
     few_records: int = 1 << 15
     few_share: float = 0.03
-    #: In large or long renders so many for each path to come, if that is more: all later samples are drawn by what these
-    #: iterations have taught the guide.
+    #: In large or long renders so many for each path to come, if that is more: all later samples are drawn by what they
+    #: have taught the guide.
     few_per_path_left: float = 0.02
     #: Records of an iteration for each path that is still to come after it: of few paths nothing learned is won back.
     records_per_path_left: float = 0.25
