@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from . import denoise_over_time, figures, freestyle, material_preview, passes, sequence
+from .baking import BakeHook
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
 from .packages import older_numba
 from .progress import TerminalBar, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
+from .shown_notices import forget_notices, show_notices
 from .unsupported_settings import unsupported_settings
 from .viewport import windows
 from .waiting_picture import WaitingPicture
@@ -82,11 +84,7 @@ def forget_outcomes(*_args: Any) -> None:
     outcomes.clear()
 
 
-#: Notices shown since the render job began, so that each is shown once, however many frames have it.
-_shown_notices: set[Notice] = set()
-
-
-class NeuralGuideRenderEngine(bpy.types.RenderEngine):
+class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
     """Final renders, previews of materials, and windows in rendered shading.
 
     For a render Blender calls `update_render_passes`, then `update` and `render` for every view layer, then
@@ -127,6 +125,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
         """Tell Blender which passes there will be; without it only Combined exists."""
+        self._has_passes = True
         for item in passes.requested_passes(scene, view_layer):
             self.register_pass(scene, view_layer, item.blender_name, len(item.channels), item.channels, item.kind)
         if freestyle.has_pass(scene, view_layer):
@@ -139,6 +138,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._started = time.monotonic()
         self._first_image = math.nan
         self._has_picture = False
+        if self._is_bake:
+            # `bake` exports what it needs.
+            return
         self._guard(depsgraph, "exporting the scene", self._export_preview if self.is_preview else self._export)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -482,13 +484,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._first_image = time.monotonic()
 
     def _show(self, notices: list[Notice]) -> None:
-        for notice in notices:
-            if notice not in _shown_notices:
-                _shown_notices.add(notice)
-                text = f"{notice.subject}: {notice.problem}; {notice.fallback}"
-                if bpy.app.background:
-                    logger.warning(text)
-                self.report({"WARNING"}, text)
+        show_notices(self, notices)
 
     def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any) -> None:
         """Put figures into the log, the file's metadata and Blender's memory display."""
@@ -521,15 +517,10 @@ def _place(depsgraph: bpy.types.Depsgraph, view: str = "") -> str:
     return ", ".join(name for name in (depsgraph.scene.name, depsgraph.view_layer_eval.name, view) if name)
 
 
-@bpy.app.handlers.persistent
-def _forget_notices(*_args: Any) -> None:
-    _shown_notices.clear()
-
-
 def register() -> None:
     """Make the engine selectable."""
     bpy.utils.register_class(NeuralGuideRenderEngine)
-    bpy.app.handlers.render_init.append(_forget_notices)
+    bpy.app.handlers.render_init.append(forget_notices)
     bpy.app.handlers.load_pre.append(forget_outcomes)
 
 
@@ -539,8 +530,8 @@ def unregister() -> None:
 
     training_process.dismiss()
     material_preview.forget_session()
-    if _forget_notices in bpy.app.handlers.render_init:
-        bpy.app.handlers.render_init.remove(_forget_notices)
+    if forget_notices in bpy.app.handlers.render_init:
+        bpy.app.handlers.render_init.remove(forget_notices)
     if forget_outcomes in bpy.app.handlers.load_pre:
         bpy.app.handlers.load_pre.remove(forget_outcomes)
     forget_outcomes()
