@@ -27,9 +27,21 @@ _LOBES = {
     "TRANSMISSION": ("Transmission", FILTER_TRANSMISSION),
 }
 #: Bake types that are a pass each, and nothing of which depends on light from elsewhere.
-_DATA = {"NORMAL": "Normal", "UV": "UV", "POSITION": "Position", "EMIT": "Emission", "ENVIRONMENT": "Environment"}
+_DATA = {
+    "NORMAL": "Normal",
+    "UV": "UV",
+    "POSITION": "Position",
+    "ROUGHNESS": "Roughness",
+    "EMIT": "Emission",
+    "ENVIRONMENT": "Environment",
+}
 #: Bits without which a combined bake is no sum of some of its passes, but the picture itself.
 _WHOLE = FILTER_EMIT | FILTER_DIFFUSE | FILTER_GLOSSY | FILTER_TRANSMISSION | FILTER_DIRECT | FILTER_INDIRECT
+
+
+#: `BakePicture.outside` of light, and of shadows.
+_CLEAR = (0.0, 0.0, 0.0, 0.0)
+_UNSHADOWED = (1.0, 1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -40,8 +52,8 @@ class BakePicture:
         The engine's names of the passes that it needs.
     mix : callable
         Makes the pixels, float32 (H, W, 3 or 4), of these passes by name.
-    has_alpha : bool
-        Whether `mix` makes four channels.
+    outside : tuple of 4 floats
+        Pixels that look at no place, as in Cycles; others are opaque where `mix` makes no alpha.
     is_lit : bool
         Whether light has to be followed for it.
     is_of_background : bool
@@ -52,7 +64,7 @@ class BakePicture:
 
     passes: frozenset[str]
     mix: Callable[[Mapping[str, Pixels]], Pixels]
-    has_alpha: bool = False
+    outside: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     is_lit: bool = True
     is_of_background: bool = False
     catches_shadows: bool = False
@@ -60,16 +72,14 @@ class BakePicture:
     def compose(self, images: Mapping[str, Pixels]) -> Pixels:
         """Pixels with alpha, float32 (H, W, 4): what the passes have of it, or 1."""
         pixels = self.mix(images)
-        whole = self.background(*pixels.shape[:2])
-        whole[..., : pixels.shape[2]] = pixels
+        whole = np.ones((*pixels.shape[:2], 4), np.float32)
+        # A single channel is grey.
+        whole[..., : max(pixels.shape[2], 3)] = pixels
         return whole
 
     def background(self, height: int, width: int) -> Pixels:
-        """Pixels of no place, float32 (H, W, 4): black, as in Cycles, and transparent where there is alpha at all."""
-        pixels = np.zeros((height, width, 4), np.float32)
-        if not self.has_alpha:
-            pixels[..., 3] = 1.0
-        return pixels
+        """Pixels that look at no place, float32 (H, W, 4)."""
+        return np.tile(np.array(self.outside, np.float32), (height, width, 1))
 
 
 def bake_picture(pass_type: str, pass_filter: int) -> BakePicture:
@@ -97,7 +107,7 @@ def bake_picture(pass_type: str, pass_filter: int) -> BakePicture:
         name, _bit = _LOBES[pass_type]
         names = _lobe_passes(name, pass_filter)
         return BakePicture(
-            names, lambda images: _lobe_light(name, names, images), is_lit=names != {f"{name} Color"}
+            names, lambda images: _lobe_light(name, names, images), _CLEAR, is_lit=names != {f"{name} Color"}
         )  # fmt: skip
     if pass_type == "COMBINED":
         return _combined(pass_filter)
@@ -105,7 +115,8 @@ def bake_picture(pass_type: str, pass_filter: int) -> BakePicture:
         return BakePicture(frozenset(("Ambient Occlusion",)), lambda images: images["Ambient Occlusion"], is_lit=False)
     if pass_type == "SHADOW":
         return BakePicture(
-            frozenset(("Shadow Catcher",)), lambda images: images["Shadow Catcher"][..., :3], catches_shadows=True
+            frozenset(("Shadow Catcher",)), lambda images: images["Shadow Catcher"][..., :3], _UNSHADOWED,
+            catches_shadows=True,
         )
     raise ValueError(
         f"NeuralGuide cannot bake {pass_type}: choose one of "
@@ -139,7 +150,7 @@ def _lobe_light(name: str, names: frozenset[str], images: Mapping[str, Pixels]) 
 def _combined(pass_filter: int) -> BakePicture:
     """The picture, or the sum of what is asked of it; each with its colour, as in Cycles."""
     if pass_filter & _WHOLE == _WHOLE:
-        return BakePicture(frozenset(("Combined",)), lambda images: images["Combined"], has_alpha=True)
+        return BakePicture(frozenset(("Combined",)), lambda images: images["Combined"], _CLEAR)
     is_lit = bool(pass_filter & (FILTER_DIRECT | FILTER_INDIRECT))
     lobes = {
         name: _lobe_passes(name, pass_filter | FILTER_COLOR)
@@ -158,4 +169,4 @@ def _combined(pass_filter: int) -> BakePicture:
             total[..., :3] += _lobe_light(name, needed, images)
         return total
 
-    return BakePicture(names, mix, has_alpha=True, is_lit=bool(lobes))
+    return BakePicture(names, mix, _CLEAR, is_lit=bool(lobes))

@@ -237,8 +237,8 @@ def _find_instance(description: SceneDescription, baked: bpy.types.Object) -> in
     rows = [row for row in named if np.allclose(instances.transform[row], place, rtol=1e-5, atol=1e-6)]
     if not rows:
         raise ValueError(
-            f"object {baked.name!r} is in no render, so it cannot be baked: it may have no faces, be scaled to zero, or "
-            f"be hidden from all rays (Object properties > Visibility)"
+            f"object {baked.name!r} is in no render, so it cannot be baked: it may have no faces, be scaled to zero, "
+            f"or be hidden from all rays (Object properties > Visibility)"
         )
     return rows[0]
 

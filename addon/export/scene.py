@@ -74,7 +74,8 @@ def export_scene(
     Raises
     ------
     ValueError
-        If the scene has no camera, and neither a window nor a bake asks; if images fit neither into memory nor onto the disk.
+        If the scene has no camera, and neither a window nor a bake asks; if images fit neither into memory nor onto the
+        disk.
     ExportCancelled
         Once `should_cancel()` is true.
     """

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from engine.array_types import Float32Array, Int32Array
 
-#: From where each place is looked at: along its normal, from the scene's camera, or not at all: what is looked at is the
-#: background, in the direction in which the place lies from the world's origin.
+#: From where each place is looked at: along its normal, from the scene's camera, or not at all: what is looked at is
+#: the background, in the direction in which the place lies from the world's origin.
 FROM_ABOVE = "ABOVE"
 FROM_CAMERA = "CAMERA"
 BACKGROUND = "BACKGROUND"

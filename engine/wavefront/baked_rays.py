@@ -42,8 +42,8 @@ def _begin(paths, lane, origin, direction, radius):
 def aim_at_baked(scene, unit, work, queue):
     """Have new paths look at the places of their pixels; those of pixels that have none end.
 
-    The radiance cache takes all places to be seen from where the whole object is: its cells are as wide as they would be
-    for a camera there.
+    The radiance cache takes all places to be seen from where the whole object is: paths end in it as early as they
+    would for a camera there.
 
     Parameters
     ----------
