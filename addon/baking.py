@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Baking: Blender gives a place on a mesh for each pixel of an image, and gets what is seen there."""
+"""Baking: Blender gives a place on a mesh for each pixel of an image, and gets what is seen there.
+
+The panels are Cycles' own (`addon.ui`), and so is the type that is baked, `bake_type` of Cycles' settings.
+"""
 
 from __future__ import annotations
 

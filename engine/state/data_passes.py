@@ -35,7 +35,8 @@ class DataOptions(NamedTuple):
     """Which passes of data there are, and their settings.
 
     `mist`, `uv`, `vector`, `backward_motion`, `specular_motion`, `specular_albedo`, `roughness`, `surface_roughness`
-    and `aov` are first columns of `FilmTile.data`, `object_mattes` and its kind first slots of `FilmTile.mattes`; -1: not asked for.
+    and `aov` are first columns of `FilmTile.data`, `object_mattes` and its kind first slots of `FilmTile.mattes`; -1:
+    not asked for.
     """
 
     is_used: int = 0
