@@ -35,8 +35,9 @@ _ERRORS = np.float32(2.0)
 def draw_place(bake, row, rng, sample):
     """Where a sample looks at in its pixel: barycentrics (u, v) as hits have them.
 
-    Within the pixel evenly, and never beside the pixel's triangle: a draw beside is drawn again. The first sample looks
-    at the centre. As in Cycles, so that what does not vary within a pixel is what it is at the centre.
+    Within the pixel evenly, and never on the edge of the pixel's triangle or beside: a draw there is drawn again. The
+    first sample looks at the centre, unless that is at the edge: from Blender 5.3 on pixels that a triangle only touches
+    have the nearest place of it. All as in Cycles.
 
     Parameters
     ----------
@@ -46,21 +47,22 @@ def draw_place(bake, row, rng, sample):
     """
     places = bake.places
     u, v = places[row, PLACE_U], places[row, PLACE_V]
-    if sample > 0:
-        x, y, _, _ = sample_4d(rng, sample, SET_FILTER_LENS)
-        bits = hash_combine(rng, np.uint32(sample))
-        for _ in range(_DRAWS):
-            x -= 0.5
-            y -= 0.5
-            moved_u = u + x * places[row, PLACE_DU_DX] + y * places[row, PLACE_DU_DY]
-            moved_v = v + x * places[row, PLACE_DV_DX] + y * places[row, PLACE_DV_DY]
-            if moved_u > 0.0 and moved_v > 0.0 and moved_u + moved_v < 1.0:
-                u, v = moved_u, moved_v
-                break
-            bits = hash_combine(bits, np.uint32(1))
-            x = unit_float(bits)
-            bits = hash_combine(bits, np.uint32(2))
-            y = unit_float(bits)
+    x, y, _, _ = sample_4d(rng, sample, SET_FILTER_LENS)
+    if sample == 0:
+        x = y = np.float32(0.5)
+    bits = hash_combine(rng, np.uint32(sample))
+    for _ in range(_DRAWS):
+        x -= 0.5
+        y -= 0.5
+        moved_u = u + x * places[row, PLACE_DU_DX] + y * places[row, PLACE_DU_DY]
+        moved_v = v + x * places[row, PLACE_DV_DX] + y * places[row, PLACE_DV_DY]
+        if moved_u > 0.0 and moved_v > 0.0 and moved_u + moved_v < 1.0:
+            u, v = moved_u, moved_v
+            break
+        bits = hash_combine(bits, np.uint32(1))
+        x = unit_float(bits)
+        bits = hash_combine(bits, np.uint32(2))
+        y = unit_float(bits)
     # Blender weighs the first two corners, hits the last two.
     return v, 1.0 - u - v
 
