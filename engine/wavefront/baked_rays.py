@@ -5,6 +5,8 @@ A path starts a little above its place, looks at it, and meets it whatever else 
 what hides between. From there on it is a path like any other.
 """
 
+import numpy as np
+
 from engine.kernels.bake import draw_place, ray_to_background, ray_to_place
 from engine.kernels.constants import INFINITY
 from engine.kernels.prefetch import ask_for_ray, lane_ahead
@@ -39,8 +41,19 @@ def _begin(paths, lane, origin, direction, radius):
 
 
 @kernel
+def _end_behind(paths, lane):
+    """End a path that has passed through its place: what is behind is none of the object's, as in Cycles."""
+    through = 0.0
+    for c in range(len(paths.channels)):
+        through += paths.throughput[lane, c]
+    paths.alpha[lane] -= through / np.float32(len(paths.channels))
+    paths.alive[lane] = 0
+
+
+@kernel
 def aim_at_baked(scene, unit, work, queue):
-    """Have new paths look at the places of their pixels; those of pixels that have none end.
+    """Have new paths look at the places of their pixels; those of pixels that have none end, and those that have passed
+    through a transparent place.
 
     The radiance cache takes all places to be seen from where the whole object is: paths end in it as early as they
     would for a camera there.
@@ -59,6 +72,8 @@ def aim_at_baked(scene, unit, work, queue):
         lane = lanes[k]
         ask_for_ray(paths, lane_ahead(lanes, k, lane_count))
         if paths.dimension[lane] != SETS_BEFORE_VERTICES:
+            if paths.depth[lane] == 0 and paths.transparent_depth[lane] > 0:
+                _end_behind(paths, lane)
             continue
         row = _row_of(bake, unit, paths, lane)
         if row < 0:
