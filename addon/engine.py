@@ -24,6 +24,7 @@ from . import (
     passes,
     sequence,
 )
+from .baking import BakeHook
 from .failures import what_failed
 from .frame_parts import is_only_picture, part_count, place, total_fraction
 from .learned_fields import FieldPlan
@@ -31,6 +32,7 @@ from .log import log_failure, logger
 from .progress import TerminalBar, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
+from .shown_notices import forget_notices, show_notices
 from .unsupported_settings import unsupported_settings
 from .viewport import windows
 from .waiting_picture import WaitingPicture
@@ -93,11 +95,7 @@ def forget_outcomes(*_args: Any) -> None:
     outcomes.clear()
 
 
-#: Notices shown since the render job began, so that each is shown once, however many frames have it.
-_shown_notices: set[Notice] = set()
-
-
-class NeuralGuideRenderEngine(bpy.types.RenderEngine):
+class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
     """Final renders, previews of materials, and windows in rendered shading.
 
     For a render Blender calls `update_render_passes`, then `update` and `render` for every view layer, then
@@ -138,6 +136,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
 
     def update_render_passes(self, scene: bpy.types.Scene, view_layer: bpy.types.ViewLayer) -> None:
         """Tell Blender which passes there will be; without it only Combined exists."""
+        self._has_passes = True
         for item in passes.requested_passes(scene, view_layer):
             self.register_pass(scene, view_layer, item.blender_name, len(item.channels), item.channels, item.kind)
         if freestyle.has_pass(scene, view_layer):
@@ -150,6 +149,9 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         self._started = time.monotonic()
         self._first_image = math.nan
         self._has_picture = False
+        if self._is_bake:
+            # `bake` exports what it needs.
+            return
         self._guard(depsgraph, "exporting the scene", self._export_preview if self.is_preview else self._export)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
@@ -481,13 +483,7 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
             self._first_image = time.monotonic()
 
     def _show(self, notices: list[Notice]) -> None:
-        for notice in notices:
-            if notice not in _shown_notices:
-                _shown_notices.add(notice)
-                text = f"{notice.subject}: {notice.problem}; {notice.fallback}"
-                if bpy.app.background:
-                    logger.warning(text)
-                self.report({"WARNING"}, text)
+        show_notices(self, notices)
 
     def _report_result(self, depsgraph: bpy.types.Depsgraph, report: Any) -> None:
         """Put figures into the log, the file's metadata and Blender's memory display."""
@@ -506,15 +502,10 @@ class NeuralGuideRenderEngine(bpy.types.RenderEngine):
         return self.test_break() or any(hook() for hook in cancel_hooks)
 
 
-@bpy.app.handlers.persistent
-def _forget_notices(*_args: Any) -> None:
-    _shown_notices.clear()
-
-
 def register() -> None:
     """Make the engine selectable."""
     bpy.utils.register_class(NeuralGuideRenderEngine)
-    bpy.app.handlers.render_init.append(_forget_notices)
+    bpy.app.handlers.render_init.append(forget_notices)
     bpy.app.handlers.load_pre.append(forget_outcomes)
 
 
@@ -524,8 +515,8 @@ def unregister() -> None:
 
     training_process.dismiss()
     material_preview.forget_session()
-    if _forget_notices in bpy.app.handlers.render_init:
-        bpy.app.handlers.render_init.remove(_forget_notices)
+    if forget_notices in bpy.app.handlers.render_init:
+        bpy.app.handlers.render_init.remove(forget_notices)
     if forget_outcomes in bpy.app.handlers.load_pre:
         bpy.app.handlers.load_pre.remove(forget_outcomes)
     forget_outcomes()

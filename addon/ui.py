@@ -73,6 +73,11 @@ _CYCLES_PANELS = (
     "CYCLES_OBJECT_PT_shading",  # Blender 3 and 4: later it is OBJECT_PT_shading
     "CYCLES_OBJECT_PT_shading_gi_approximation",
     "CYCLES_OBJECT_PT_lightgroup",
+    "CYCLES_RENDER_PT_bake",
+    "CYCLES_RENDER_PT_bake_influence",
+    "CYCLES_RENDER_PT_bake_selected_to_active",
+    "CYCLES_RENDER_PT_bake_output",
+    "CYCLES_RENDER_PT_bake_output_margin",
 )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tools.cycles_settings import PANELS, Row
+from tools.cycles_settings import PANELS, TEXTS, Row
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "blender.md"
 
@@ -70,6 +70,8 @@ def _panels() -> Iterator[str]:
         for verdict, note in dict.fromkeys((row.verdict, row.note) for row in shown):
             alike = [_label(row, known[owner]) for row in shown if (row.verdict, row.note) == (verdict, note)]
             yield f"- **{verdict}**: {', '.join(alike)}" + (f": {note}" if note else "") + "."
+        if title in TEXTS:
+            yield f"\n{TEXTS[title]}"
 
 
 def page() -> str:

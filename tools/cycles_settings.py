@@ -129,7 +129,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
                    "for developers of Cycles", True),
         ),
     ),
-    ("Bake", "scene.cycles", (*_rows("no", "bake_type", "NeuralGuide does not bake"),)),
+    ("Baking", "scene.cycles", (*_rows("works", "bake_type"),)),
     (
         "Curves", "scene.cycles_curves",
         (*_rows("works", "shape subdivisions"),),
@@ -186,3 +186,22 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         ),
     ),
 )  # fmt: skip
+
+#: What else is said of a panel, by its title.
+TEXTS: dict[str, str] = {
+    "Baking": """\
+All of Cycles' types are baked: Combined, Ambient Occlusion, Shadow, Position, Normal, UV, Roughness, Emit, Environment,
+and Diffuse, Glossy and Transmission by direct light, indirect light and colour. The panels are Cycles' own. Margin,
+Selected to Active, cages, images, their tiles and colour attributes are Blender's work: it says which place of which
+object each texel shows, and NeuralGuide what is seen there.
+
+A bake is a render whose paths begin at these places instead of at the camera. So the scene's samples, noise threshold,
+time limit, guiding, Accuracy, bounces and clamps count. A path starts a few rounding errors above its place, looks at
+it along the shading normal (or from the camera, where View From says so), and meets it whatever else lies there: faces
+in the same place do not come before it. Within a texel places are drawn evenly, never beside the texel's face; the
+first sample looks at its centre. Nothing is blurred by motion, and no camera is needed but for View From.
+
+Only Combined is denoised, where the scene is. Refused with a message are View From without a camera, an object that no
+ray meets, faces with vertices that are NaN or infinite, and images that the memory does not hold. Blender itself
+refuses objects without UVs or faces.""",
+}

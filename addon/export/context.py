@@ -157,6 +157,8 @@ class ExportContext:
     aovs: dict[str, bool] = field(default_factory=dict)
     #: None for renders.
     window: Window | None = None
+    #: Whether places on a mesh are looked at, not what the camera sees.
+    bakes: bool = False
     #: How many meshes of one name an object has made so far (geometry nodes may make many).
     mesh_counts: dict[Hashable, int] = field(default_factory=dict)
     #: Levels that `subdivision` has found for meshes that Cycles would dice, by the address of the original object.
@@ -189,6 +191,11 @@ class ExportContext:
         """Which of them an object's or the world's light belongs to, -1 = none."""
         name = getattr(owner, "lightgroup", "")
         return self.light_groups.index(name) if name in self.light_groups else -1
+
+    @property
+    def needs_camera(self) -> bool:
+        """Whether there must be a camera: windows have one of their own, and a bake may do without."""
+        return self.window is None and not (self.bakes and self.scene.camera is None)
 
     @property
     def notices(self) -> list[Notice]:

@@ -47,6 +47,7 @@ def export_scene(
     window: Window | None = None,
     updated: frozenset[int] | None = None,
     texture_memory: int | None = None,
+    bakes: bool = False,
 ) -> SceneDescription:
     """Describe what `depsgraph` shows.
 
@@ -66,11 +67,15 @@ def export_scene(
         For a window: addresses of all original datablocks that may have changed since the last export with `cache`.
     texture_memory : int, optional
         Memory for pixels of images, before they lie in files [bytes]; None: all that they need.
+    bakes : bool
+        Whether places on a mesh are looked at, which needs no camera. Meshes are then as Blender hands them to a bake:
+        not diced, and without motion blur. Nothing is culled.
 
     Raises
     ------
     ValueError
-        If the scene has no camera, and no window asks; if images fit neither into memory nor onto the disk.
+        If the scene has no camera, and neither a window nor a bake asks; if images fit neither into memory nor onto the
+        disk.
     ExportCancelled
         Once `should_cancel()` is true.
     """
@@ -84,12 +89,13 @@ def export_scene(
         should_cancel=should_cancel,
         window=window,
         texture_memory=texture_memory,
+        bakes=bakes,
     )
-    shutter = read_shutter(context) if window is None else None
+    shutter = read_shutter(context) if window is None and not bakes else None
     context.is_blurred = shutter is not None
     if window is not None:
         context.updated = updated
-    else:
+    elif not bakes:
         read_requests(context)
         if shutter is None:
             context.updated = _updated_datablocks(depsgraph, engine, cache)
@@ -108,7 +114,7 @@ def export_scene(
 def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> SceneDescription:
     context.check_cancel()
     frame_current = context.scene.frame_current + context.scene.frame_subframe
-    camera_object = find_camera(context) if context.window is None else None
+    camera_object = find_camera(context) if context.needs_camera else None
     camera = Camera() if camera_object is None else export_camera(context, camera_object)
     to_xyz = _set_working_space(context)
     images = ImageExporter(context)
@@ -117,7 +123,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
     studio = None if context.window is None else context.window.studio
     world = export_world(context, graphs) if studio is None else export_studio_light(context, images, studio)
     frame = export_frame(context) if context.window is None else Frame(1, 1, (0, 0, 1, 1))
-    if camera_object is not None:
+    if camera_object is not None and not context.bakes:
         cap_levels(context, camera_object, frame)
     elif context.window is not None:
         dice_in_window(context, context.window)
@@ -131,7 +137,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
             clock.go_to(shutter.centre)
             camera = in_middle(camera, export_camera(context, camera_object))
     appearances = gather_appearances(context, materials)
-    if culls(context.scene):
+    if culls(context.scene) and not context.bakes:
         if camera_object is not None:
             cull(context, view_of_render(context, camera_object, frame), appearances)
         elif context.window is not None and context.window.culling_view is not None:

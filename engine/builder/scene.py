@@ -14,6 +14,7 @@ from engine.accel.accelerator import Accelerator, build_accelerator
 from engine.accel.hierarchies import MeshHierarchies
 from engine.accel.local_rays import LocalScenes, build_local_scenes
 from engine.accel.masks import MASK_MEDIUM, MASK_RAYCAST, MASK_SHADOW_OPAQUE, MASK_SHADOW_TRANSPARENT
+from engine.builder.bake import build_bake
 from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
@@ -49,6 +50,7 @@ from engine.scene.limits import check_frame, check_links, check_memory
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
 from engine.spectral.wavelengths import WAVELENGTH_COUNT
+from engine.state.bake import BakeArrays
 from engine.state.camera import CameraArrays
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
@@ -84,6 +86,7 @@ class Scene:
 
     description: SceneDescription
     camera: CameraArrays
+    bake: BakeArrays
     geometry: GeometryArrays
     shaders: ShaderArrays
     tables: BsdfTables
@@ -424,6 +427,7 @@ def build_scene(
     geometry = build_geometry(
         apart, attribute_names, notices, default_program=programs.default_program, cache=cache.geometry
     )
+    bake = build_bake(description, geometry)
     same_place = _find_same_place(cache, description, geometry)
     notices += same_place.notices
     check_cancel()
@@ -445,6 +449,7 @@ def build_scene(
     return Scene(
         description=description,
         camera=_build_camera(cache, description, settings),
+        bake=bake,
         geometry=geometry,
         shaders=shaders,
         tables=tables,

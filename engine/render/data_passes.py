@@ -17,6 +17,7 @@ from engine.state.data_passes import (
     ROUGHNESS_WIDTH,
     SPECULAR_ALBEDO_WIDTH,
     SPECULAR_MOTION_WIDTH,
+    SURFACE_ROUGHNESS_WIDTH,
     UV_WIDTH,
     VECTOR_WIDTH,
     DataLayout,
@@ -27,7 +28,8 @@ BACKWARD_MOTION = "Denoising Backward Motion"
 SPECULAR_MOTION = "Denoising Specular Motion"
 SPECULAR_ALBEDO = "Denoising Specular Albedo"
 ROUGHNESS = "Denoising Roughness"
-DATA_PASSES = ("Mist", "UV", "Vector", BACKWARD_MOTION, SPECULAR_MOTION, SPECULAR_ALBEDO, ROUGHNESS)
+SURFACE_ROUGHNESS = "Roughness"
+DATA_PASSES = ("Mist", "UV", "Vector", BACKWARD_MOTION, SPECULAR_MOTION, SPECULAR_ALBEDO, ROUGHNESS, SURFACE_ROUGHNESS)
 _MATTE_NAME = re.compile(f"({'|'.join(MATTE_KINDS)})([0-9]{{2}})")
 
 
@@ -83,6 +85,7 @@ def data_images(
     for name, first, width in (
         (SPECULAR_ALBEDO, options.specular_albedo, SPECULAR_ALBEDO_WIDTH),
         (ROUGHNESS, options.roughness, ROUGHNESS_WIDTH),
+        (SURFACE_ROUGHNESS, options.surface_roughness, SURFACE_ROUGHNESS_WIDTH),
     ):
         if first >= 0 and name in names:
             images[name] = data[:, first : first + width] * scale
@@ -128,6 +131,7 @@ def data_layout(names: Collection[str], settings: PassSettings) -> DataLayout:
     place("specular_motion", SPECULAR_MOTION_WIDTH, SPECULAR_MOTION in names)
     place("specular_albedo", SPECULAR_ALBEDO_WIDTH, SPECULAR_ALBEDO in names)
     place("roughness", ROUGHNESS_WIDTH, ROUGHNESS in names)
+    place("surface_roughness", SURFACE_ROUGHNESS_WIDTH, SURFACE_ROUGHNESS in names)
     place("aov", aov_width(settings.aovs), True)
     passes_by_kind: dict[str, int] = {}
     for name in names:

@@ -21,6 +21,7 @@ from engine.state.lights import (
 from engine.state.shaders import PROGRAM_EMISSION_CONSTANT, PROGRAM_FLAGS, PROGRAM_HAS_AOVS
 from engine.wavefront.columns import (
     SCENE_ADDS_LIGHT,
+    SCENE_BAKES,
     SCENE_HANDLE,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
@@ -80,6 +81,7 @@ def scene_header(scene: Scene, settings: RenderSettings) -> Int64Array:
     numbers[SCENE_SHIFTS_SHADING] = (scene.geometry.instance_values[:, VALUE_SHADING_OFFSET] > 0.0).any()
     numbers[SCENE_SHORTENS] = scene.description.fast_gi.bounces > 0
     numbers[SCENE_ADDS_LIGHT] = scene.description.fast_gi.added != 0.0
+    numbers[SCENE_BAKES] = scene.description.bake is not None
     return numbers
 
 

@@ -72,9 +72,11 @@ _OF_NO_FOLLOWER = [
 
 
 def _with_clearance(scene: Scene) -> np.ndarray:
-    """The camera's numbers, and how far around it no medium begins or ends; one that moves has no such place."""
+    """The camera's numbers, and how far around it no medium begins or ends; one that moves has no such place,
+    nor have places that are baked.
+    """
     camera = scene.camera
-    if not scene.media.has_inside.any() or len(camera.motion) > 1:
+    if not scene.media.has_inside.any() or len(camera.motion) > 1 or scene.description.bake is not None:
         return camera.real
     real = camera.real.copy()
     real[CAMERA_CLEAR] = clear_distance(camera.motion[0, [3, 7, 11]], scene.geometry, scene.media.has_inside)
@@ -136,7 +138,7 @@ class Tracer:
             scene_header(scene, settings), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
             scene.camera.filter, tables_for(description.to_xyz) if channel_count > RGB else no_spectral_tables(),
             scene.geometry, scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
-            build_data_view(scene, layout.data.options), scene.local_scenes.handles, options,
+            build_data_view(scene, layout.data.options), scene.bake, scene.local_scenes.handles, options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from engine.array_types import Float32Array, Int32Array, Uint32Array
+from engine.scene.bake import Bake
 from engine.scene.dicing import Dicing
 from engine.scene.fast_gi import FastGi
 from engine.scene.grids import Grid, VolumeMotion
@@ -426,6 +427,7 @@ class SceneDescription:
     passes: PassSettings = field(default_factory=PassSettings)
     light_groups: tuple[str, ...] = ()  # names of the view layer's
     fast_gi: FastGi = field(default_factory=FastGi)
+    bake: Bake | None = None  # what is looked at instead of what the camera sees; `frame` is of its size
     linking: Linking | None = None  # None: every emitter lights everything, and all casts shadows in its light
 
     @property

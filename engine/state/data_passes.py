@@ -19,6 +19,7 @@ BACKWARD_MOTION_WIDTH = 3
 SPECULAR_MOTION_WIDTH = 2
 SPECULAR_ALBEDO_WIDTH = 3
 ROUGHNESS_WIDTH = 1
+SURFACE_ROUGHNESS_WIDTH = 1
 
 # Columns of DataView.instance_ids
 ID_OBJECT = 0
@@ -33,8 +34,9 @@ RASTER_AFTER = 2
 class DataOptions(NamedTuple):
     """Which passes of data there are, and their settings.
 
-    `mist`, `uv`, `vector`, `backward_motion`, `specular_motion`, `specular_albedo`, `roughness` and `aov` are first
-    columns of `FilmTile.data`, `object_mattes` and its kind first slots of `FilmTile.mattes`; -1: not asked for.
+    `mist`, `uv`, `vector`, `backward_motion`, `specular_motion`, `specular_albedo`, `roughness`, `surface_roughness`
+    and `aov` are first columns of `FilmTile.data`, `object_mattes` and its kind first slots of `FilmTile.mattes`; -1:
+    not asked for.
     """
 
     is_used: int = 0
@@ -45,6 +47,8 @@ class DataOptions(NamedTuple):
     specular_motion: int = -1
     specular_albedo: int = -1
     roughness: int = -1
+    #: Of the first surface, not of what it mirrors.
+    surface_roughness: int = -1
     #: Whether specular motion, specular albedo or roughness is asked for.
     asks_for_mirrors: int = 0
     aov: int = -1

@@ -31,7 +31,8 @@ SCENE_HAS_PORTALS = 20  # surfaces behind which rays go on elsewhere
 SCENE_SHIFTS_SHADING = 21  # objects with a Shadow Terminator Shading Offset
 SCENE_SHORTENS = 22  # later bounces look at what is near alone (`FastGi.bounces`)
 SCENE_ADDS_LIGHT = 23  # surfaces receive light for what does not hide the sky (`FastGi.added`)
-SCENE_HEADER_WIDTH = 24
+SCENE_BAKES = 24  # rays look at places of a bake, not from the camera
+SCENE_HEADER_WIDTH = 25
 
 # UnitView.header
 UNIT_SEED = 0

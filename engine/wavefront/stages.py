@@ -20,11 +20,13 @@ from engine.wavefront.attenuate_shadows import (
     dim_shadows,
     find_shadow_collisions,
 )
+from engine.wavefront.baked_rays import aim_at_baked, meet_baked
 from engine.wavefront.catch_shadows import meet_catchers, show_background
 from engine.wavefront.collect_cache_records import collect_cache_records
 from engine.wavefront.collect_records import collect_records
 from engine.wavefront.columns import (
     SCENE_ADDS_LIGHT,
+    SCENE_BAKES,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
@@ -234,12 +236,14 @@ def _uses_cache(loop: Loop) -> bool:
 #: All stages, about in the order of `trace_rounds`.
 _STAGES = (
     Stage(init_from_camera, "init_from_camera"),
+    Stage(aim_at_baked, "init_from_camera", _scene(SCENE_BAKES)),
     Stage(start_media, "init_from_camera", _MEDIA),
     Stage(play_roulette, "play_roulette"),
     Stage(meet_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
     Stage(leave_hidden_lamps, "hidden_lamps", _HIDDEN_LAMPS),
     Stage(shorten_rays, "fast_gi", _SHORTENS),
     Stage(intersect_closest, "intersect_closest"),
+    Stage(meet_baked, "intersect_closest", _scene(SCENE_BAKES)),
     Stage(lengthen_rays, "fast_gi", _all(_SHORTENS, _MEDIA)),
     Stage(find_gaps, "sample_medium", _DENSE_MEDIA),
     Stage(light_segments, "light_segments", _all(_MEDIA, _EMITTERS)),

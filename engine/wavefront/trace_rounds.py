@@ -13,6 +13,7 @@ from engine.wavefront.columns import (
     NEXT_LANE,
     ROWS,
     SCENE_ADDS_LIGHT,
+    SCENE_BAKES,
     SCENE_HAS_BOUNDARIES,
     SCENE_HAS_DENSE_MEDIA,
     SCENE_HAS_EMITTERS,
@@ -362,6 +363,8 @@ def _trace_paths(stages, scene, unit, work):
         stages.shorten_rays(scene, unit, work, work.traced)
         mark(work.clock, CLOCK.fast_gi)
     stages.intersect_closest(scene, unit, work, work.traced)
+    if scene.header[SCENE_BAKES] != 0:
+        stages.meet_baked(scene, unit, work, work.traced)
     mark(work.clock, CLOCK.intersect_closest)
     if scene.header[SCENE_SHORTENS] != 0 and scene.header[SCENE_HAS_MEDIA] != 0:
         stages.lengthen_rays(scene, unit, work, work.traced)
@@ -407,6 +410,8 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
     guides_media = has_media and unit.header[UNIT_GUIDES_MEDIA] != 0 and unit.header[UNIT_IS_GUIDED] != 0
     while stop[0] == 0:
         stages.init_from_camera(scene, unit, work, work.free)
+        if scene.header[SCENE_BAKES] != 0:
+            stages.aim_at_baked(scene, unit, work, work.active)
         if has_media:
             stages.start_media(scene, unit, work, work.active)
         mark(clock, CLOCK.init_from_camera)

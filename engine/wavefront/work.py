@@ -16,6 +16,7 @@ from engine.ris.candidates import Candidates
 from engine.ris.orca import Allocation
 from engine.runtime.bundle import Bundle
 from engine.spectral.tables import SpectralTables
+from engine.state.bake import BakeArrays
 from engine.state.data_passes import DataView
 from engine.state.film import FilmTile
 from engine.state.geometry import GeometryArrays
@@ -61,6 +62,7 @@ class SceneView(Bundle):
     lights: LightArrays
     media: MediaArrays
     data: DataView
+    bake: BakeArrays
     local_scenes: np.ndarray
     options: IntegratorOptions
 

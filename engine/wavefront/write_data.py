@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from engine.kernels.bsdf.pass_roughness import pass_roughness
 from engine.kernels.mattes import add_matte
 from engine.kernels.pass_surface import is_pass_surface, mean_transparency
 from engine.kernels.pass_vectors import background_vectors, backward_motion, motion_vectors
@@ -57,7 +58,7 @@ def _write_mattes(data, mattes, pixel, instance, program, weight):
 
 @kernel
 def write_data(scene, unit, work, queue):
-    """Add mist, UV, motion vectors and mattes of shaded lanes that have not scattered yet to the film."""
+    """Add mist, UV, roughness, motion vectors and mattes of shaded lanes that have not scattered yet to the film."""
     data, camera, geometry = scene.data, scene.camera, scene.geometry
     options, paths, points, closures, film = data.options, work.paths, work.points, work.shaded, unit.film
     lanes, lane_count = queue.lanes, queue.count[0]
@@ -89,6 +90,8 @@ def write_data(scene, unit, work, queue):
                 film.data[pixel, options.uv] += map_u
                 film.data[pixel, options.uv + 1] += map_v
                 film.data[pixel, options.uv + 2] += 1.0
+        if options.surface_roughness >= 0:
+            film.data[pixel, options.surface_roughness] += pass_roughness(closures, lane)
         if options.vector >= 0:
             vectors = motion_vectors(data, camera, geometry, instance, triangle, u, v, p)
             for c in range(4):

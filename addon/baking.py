@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Baking: Blender gives a place on a mesh for each pixel of an image, and gets what is seen there.
+
+The panels are Cycles' own (`addon.ui`), and so is the type that is baked, `bake_type` of Cycles' settings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+import numpy.typing as npt
+
+from .bake_pictures import BakePicture, bake_picture
+from .passes import write_pass
+from .progress import TerminalBar
+from .properties import render_settings
+from .shown_notices import show_notices
+
+if TYPE_CHECKING:
+    from engine.scene.bake import Bake
+    from engine.scene.description import Notice, SceneDescription
+    from engine.settings import RenderSettings
+
+#: What Blender calls places that are on no face of the object, and the passes of its result that have the places.
+_NO_TRIANGLE = -1
+_PLACES, _DIFFERENTIALS, _SEEDS = "BakePrimitive", "BakeDifferential", "BakeSeed"
+
+
+class BakeHook:
+    """What the render engine does for a bake.
+
+    Blender makes an engine of its own for each object, calls `update`, then `bake` for each image or tile of it.
+    """
+
+    #: Whether Blender has asked for passes, as before every render and before no bake.
+    _has_passes: Any = False
+    _bake: Any = None  # ObjectBake of the object whose images are baked
+
+    # Of the render engine.
+    _guard: Callable[..., None]
+    _should_cancel: Callable[[], bool]
+    is_preview: bool
+
+    @property
+    def _is_bake(self) -> bool:
+        """Whether this engine was made for a bake."""
+        return not self._has_passes and not self.is_preview
+
+    def bake(
+        self, depsgraph: bpy.types.Depsgraph, baked: bpy.types.Object, pass_type: str, pass_filter: int, width: int,
+        height: int,
+    ) -> None:
+        """Bake one image of an object, or one tile of it."""
+
+        def work(graph: bpy.types.Depsgraph) -> None:
+            if self._bake is None:
+                self._bake = ObjectBake(self, graph, baked, bake_picture(pass_type, pass_filter), self._should_cancel)
+            self._bake.bake_image(width, height)
+
+        self._guard(depsgraph, "baking", work)
+
+
+class ObjectBake:
+    """One object's bake of one type, to one image or several.
+
+    Parameters
+    ----------
+    engine : RenderEngine
+    depsgraph : Depsgraph
+    baked : Object
+        Evaluated.
+    picture : BakePicture
+        What is baked.
+    should_cancel : callable
+
+    Raises
+    ------
+    ValueError
+        If the object is not there to be baked, or the scene cannot be exported.
+    """
+
+    def __init__(
+        self, engine: Any, depsgraph: bpy.types.Depsgraph, baked: bpy.types.Object, picture: BakePicture,
+        should_cancel: Callable[[], bool],
+    ) -> None:
+        from engine.render.session import Session
+
+        self._engine, self._picture, self._should_cancel = engine, picture, should_cancel
+        scene = depsgraph.scene_eval
+        self._settings = bake_settings(render_settings(scene), picture)
+        self._view = _view_of(scene, picture)
+        self._name = baked.name
+        self._description: SceneDescription | None = self._export(depsgraph)
+        self._instance = -1
+        if self._description is not None:
+            self._instance = _find_instance(self._description, baked)
+            if picture.catches_shadows:
+                catchers = np.zeros(len(self._description.instances.mesh), np.bool_)
+                catchers[self._instance] = True
+                self._description.instances.is_shadow_catcher = catchers
+        self._session = Session(self._settings)
+        self._image_count = 0
+
+    def _export(self, depsgraph: bpy.types.Depsgraph) -> SceneDescription | None:
+        """The scene; None if the user has gone on meanwhile."""
+        from engine.scene.limits import texture_memory
+
+        from .export import ExportCancelled, export_scene
+
+        try:
+            return export_scene(
+                depsgraph, engine=self._engine, view_layer=depsgraph.view_layer_eval,
+                should_cancel=self._should_cancel, texture_memory=texture_memory(self._settings.texture_memory),
+                bakes=True,
+            )  # fmt: skip
+        except ExportCancelled:
+            return None
+
+    def bake_image(self, width: int, height: int) -> None:
+        """Bake the next image: what Blender calls a render's result has its places, and gets its pixels."""
+        if self._description is None:
+            return
+        # Blender tells images apart by the layer's name.
+        target = self._engine.begin_result(0, 0, width, height, layer=f"bake_{self._image_count}")
+        self._image_count += 1
+        is_whole = False
+        try:
+            bake = read_places(target.layers[0], (height, width), self._instance, self._view)
+            covered = np.argwhere(bake.triangles >= 0)
+            if len(covered):
+                pixels = self._render(self._description, bake, covered)
+                if pixels is not None:
+                    write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
+                    is_whole = True
+        finally:
+            self._engine.end_result(target, cancel=not is_whole, do_merge_results=is_whole)
+
+    def _render(
+        self, description: SceneDescription, bake: Bake, covered: npt.NDArray[np.intp]
+    ) -> npt.NDArray[np.float32] | None:
+        """Pixels, float32 (H, W, 4), or None if the user has cancelled; `covered` are rows and columns of places."""
+        from engine.render.session import LoadCancelled
+
+        height, width = bake.triangles.shape
+        (y0, x0), (y1, x1) = covered.min(axis=0).tolist(), (covered.max(axis=0) + 1).tolist()
+        frame = dataclasses.replace(
+            description.frame, width=width, height=height, region=(x0, y0, x1, y1), pixel_aspect_x=1.0,
+            pixel_aspect_y=1.0,
+        )  # fmt: skip
+        description = dataclasses.replace(description, frame=frame, bake=bake)
+        try:
+            with self._progress() as on_progress:
+                notices = self._session.load(
+                    description, on_progress=on_progress, should_cancel=self._should_cancel
+                )
+                self._show(notices)
+                result = self._session.render(
+                    on_progress=on_progress, should_cancel=self._should_cancel, passes=self._picture.passes
+                )
+        except LoadCancelled:
+            return None
+        if result.report.cancelled:
+            return None
+        self._show(result.report.notices)
+        pixels = self._picture.background(height, width)
+        pixels[y0:y1, x0:x1] = self._picture.compose(result.passes)
+        return pixels
+
+    def _show(self, notices: list[Notice]) -> None:
+        show_notices(self._engine, notices)
+
+    @contextmanager
+    def _progress(self) -> Iterator[Callable[[Any], None]]:
+        bar = TerminalBar() if bpy.app.background else None
+
+        def on_progress(progress: Any) -> None:
+            self._engine.update_progress(progress.fraction)
+            if bar is not None:
+                bar.update(f"Bake {self._name}", progress.fraction, progress)
+
+        try:
+            yield on_progress
+        finally:
+            if bar is not None:
+                bar.close()
+
+
+def bake_settings(settings: RenderSettings, picture: BakePicture) -> RenderSettings:
+    """What a bake is rendered by, of what renders of the scene are.
+
+    The film is transparent, as Cycles has it, since behind a hole in a surface there is no picture's background. What
+    is known without following light needs no guiding.
+    """
+    settings = dataclasses.replace(settings, film_transparent=True)
+    if picture.is_lit:
+        return settings
+    return dataclasses.replace(
+        settings, guiding_method="OFF", radiance_cache="OFF", spectral="OFF", use_denoising=False, strata=0
+    )
+
+
+def _view_of(scene: bpy.types.Scene, picture: BakePicture) -> str:
+    """From where places are looked at.
+
+    Raises
+    ------
+    ValueError
+        If it is from the camera, and there is none.
+    """
+    from engine.scene.bake import BACKGROUND, FROM_ABOVE, FROM_CAMERA
+
+    if picture.is_of_background:
+        return BACKGROUND
+    if getattr(scene.render.bake, "view_from", "ABOVE_SURFACE") != "ACTIVE_CAMERA":
+        return FROM_ABOVE
+    if scene.camera is None:
+        raise ValueError(
+            f"Scene {scene.name!r} has no camera to bake from: add one, or set View From to Above Surface in Render "
+            f"properties > Bake"
+        )
+    return FROM_CAMERA
+
+
+def _find_instance(description: SceneDescription, baked: bpy.types.Object) -> int:
+    """The row of an object itself, not of its copies by instancing.
+
+    Raises
+    ------
+    ValueError
+        If renders do not show it.
+    """
+    instances = description.instances
+    place = np.array(baked.matrix_world, np.float32)
+    named = [row for row, name in enumerate(instances.name) if name == baked.name]
+    rows = [row for row in named if np.allclose(instances.transform[row], place, rtol=1e-5, atol=1e-6)]
+    if not rows:
+        raise ValueError(
+            f"object {baked.name!r} is in no render, so it cannot be baked: it may have no faces, be scaled to zero, "
+            f"or be hidden from all rays (Object properties > Visibility)"
+        )
+    return rows[0]
+
+
+def read_places(layer: bpy.types.RenderLayer, shape: tuple[int, int], instance: int, view: str) -> Bake:
+    """The places that Blender has put into the passes of a result.
+
+    Raises
+    ------
+    ValueError
+        If Blender has other passes there.
+    """
+    from engine.scene.bake import Bake
+
+    found = {item.name: item for item in layer.passes}
+    places, differentials = found.get(_PLACES), found.get(_DIFFERENTIALS)
+    if places is None or differentials is None or (places.channels, differentials.channels) != (3, 4):
+        has = ", ".join(f"{item.name} ({item.channels})" for item in layer.passes)
+        raise ValueError(f"this Blender gives places to bake in another form: its result has {has}")
+    numbers = _read(places, shape)
+    seeds = found.get(_SEEDS)
+    return Bake(
+        instance=instance,
+        triangles=np.maximum(np.ascontiguousarray(numbers[..., 2]).view(np.int32), _NO_TRIANGLE),
+        weights=np.ascontiguousarray(numbers[..., :2]),
+        differentials=_read(differentials, shape),
+        seeds=None if seeds is None else _read(seeds, shape).view(np.int32)[..., 0],
+        view=view,
+    )
+
+
+def _read(item: bpy.types.RenderPass, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """A pass as it lies in memory, float32 (H, W, channels): numbers of triangles are integers, and no floats."""
+    pixels = np.empty(len(item.rect) * item.channels, np.float32)
+    item.rect.foreach_get(pixels)
+    return pixels.reshape(*shape, item.channels)
