@@ -146,7 +146,7 @@ class RenderLoop:
         tries_on_part = settings.is_guided and pixel_count >= _LEAST_TRIAL_PIXELS and self.strata == 1
         self._trial_tiles = TrialTiles(frame) if tries_on_part else None
         trial_share = 1.0 if self._trial_tiles is None else self._trial_tiles.trial_pixels / pixel_count
-        left = replace(settings, samples=max(self.samples - self._offset, 1))
+        left = replace(settings, samples=max(settings.samples - resumed.samples, 1))
         self.learner: Learner | None = None if self._offset >= self.samples else make_learner(
             left, thread_count, pixel_count, tiles.largest, request.learning,
             light_clusters if settings.learns_lights else None, trial_share,
@@ -157,7 +157,7 @@ class RenderLoop:
                 self.tiles = self._active.tiles
                 self.learner.narrow(self._active.count, self._active.expected_paths)
             strata = StrataSchedule(left, self.strata) if self.strata > 1 else None
-            iterations = Iterations(left.samples, strata, self.time_left.fit)
+            iterations = Iterations(self.samples - self._offset, strata, self.time_left.fit)
             self._iterations = BridgedIterations(iterations, self._bridge)
             self._schedule = self._iterations
             self._iterations.begin(self.learner.arms, len(self.tiles))
