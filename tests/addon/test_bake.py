@@ -59,6 +59,17 @@ def test_means_are_those_of_cycles(plane: Any, kind: str, filters: set[str] | No
     assert np.abs(difference).max() <= 0.1 * theirs.max()
 
 
+@pytest.mark.parametrize(("method", "cache"), [("AUTO", "OFF"), ("OFF", "CONVERGING")])
+def test_what_is_learned_changes_no_mean(plane: Any, method: str, cache: str) -> None:
+    scene, _, image = plane
+    theirs = bake(scene, image, "CYCLES", "COMBINED", 1024)[COVERED]
+    scene.neuralguide.radiance_cache = cache
+    ours = bake(scene, image, "NEURALGUIDE", "COMBINED", 512, guiding_method=method)[COVERED]
+    difference = ours.mean(axis=-1) - theirs.mean(axis=-1)
+    assert abs(difference.mean()) <= SIGMAS * difference.std() / np.sqrt(difference.size)
+    assert abs(difference.mean()) <= 0.005 * theirs.mean()
+
+
 @pytest.mark.parametrize("kind", ["NORMAL", "EMIT", "POSITION", "ENVIRONMENT"])
 def test_what_needs_no_light_is_that_of_cycles(plane: Any, kind: str) -> None:
     """Of one sample, at the texel's centre."""
