@@ -33,7 +33,7 @@ def add_image(item: Any, name: str = "Baked", size: int = SIZE, tiles: int = 1) 
 
 
 def baked_plane(scene: Any) -> tuple[Any, Any]:
-    """A reddish plane whose UVs cover a quarter of its image, a box over it, a sun and a sky: the plane and its image."""
+    """A reddish plane whose UVs cover a quarter of its image, a box over it, a sun and a sky: plane and image."""
     import bpy
 
     bpy.ops.mesh.primitive_cube_add(size=0.6, location=(0.4, 0.2, 0.6))
