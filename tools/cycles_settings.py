@@ -199,7 +199,8 @@ A bake is a render whose paths begin at these places instead of at the camera. S
 time limit, guiding, Accuracy, bounces and clamps count. A path starts a few rounding errors above its place, looks at
 it along the shading normal (or from the camera, where View From says so), and meets it whatever else lies there: faces
 in the same place do not come before it. Within a texel places are drawn evenly, never beside the texel's face; the
-first sample looks at its centre. Nothing is blurred by motion, and no camera is needed but for View From.
+first sample looks at its centre. What lets light through shows nothing behind it, and alpha says how much. Nothing is
+blurred by motion, and no camera is needed but for View From.
 
 Only Combined is denoised, where the scene is. Refused with a message are View From without a camera, an object that no
 ray meets, faces with vertices that are NaN or infinite, and images that the memory does not hold. Blender itself

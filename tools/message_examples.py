@@ -36,6 +36,10 @@ _SIZES = {
     "wrong.negative": "40",
     "wrong.not_finite": "40",
     "_MOST_FAILURES": "3",
+    "bake.triangles.shape[1]": "1024",
+    "bake.triangles.shape[0]": "512",
+    "len(mesh.triangles)": "12",
+    "int(triangles.max())": "400",
 }
 _NAMES = {
     "camera_object.name": "Camera",
@@ -74,6 +78,12 @@ _NAMES = {
     "prefilter": "SLOW",
     "', '.join(_KINDS)": "PERSP, ORTHO, PANO",
     "quality": "BEST",
+    "bake.view": "BELOW",
+    "baked.name": "Cube",
+    "scene.name": "Scene",
+    "pass_type": "VECTOR",
+    "', '.join(sorted((*_DATA, *_LOBES, 'COMBINED', 'AO', 'SHADOW')))": "AO, COMBINED, DIFFUSE, EMIT, ENVIRONMENT",
+    "has": "Combined (4), BakePrimitive (4)",
 }
 _VALUES = {
     "value": "-1",

@@ -96,7 +96,7 @@ def _view(bake: Bake, camera: Camera) -> tuple[int, npt.NDArray[np.float64]]:
     if bake.view == BACKGROUND:
         return VIEW_BACKGROUND, np.zeros(3)
     if bake.view != FROM_CAMERA:
-        raise ValueError(f"a bake from {bake.view!r}: choose {FROM_ABOVE}, {FROM_CAMERA} or {BACKGROUND}")
+        raise ValueError(f"a bake's view is {bake.view!r}: choose ABOVE, CAMERA or BACKGROUND")
     if camera.kind == "ORTHO":
         return VIEW_DIRECTION, transform[:3, 2] / np.linalg.norm(transform[:3, 2])
     return VIEW_POINT, transform[:3, 3]

@@ -36,8 +36,8 @@ def draw_place(bake, row, rng, sample):
     """Where a sample looks at in its pixel: barycentrics (u, v) as hits have them.
 
     Within the pixel evenly, and never on the edge of the pixel's triangle or beside: a draw there is drawn again. The
-    first sample looks at the centre, unless that is at the edge: from Blender 5.3 on pixels that a triangle touches
-    have the nearest place of it. All as in Cycles.
+    first sample looks at the centre, unless that is at the edge: from Blender 5.3 on pixels that a triangle only
+    touches have the nearest place of it. All as in Cycles.
 
     Parameters
     ----------

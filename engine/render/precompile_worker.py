@@ -18,6 +18,7 @@ from engine.kernels.shader.ops_patterns import link_patterns
 from engine.render import precompile
 from engine.render.compile_progress import report_to
 from engine.runtime import kernel_cache
+from engine.scene.bake import Bake
 from engine.scene.description import (
     Camera,
     Frame,
@@ -150,6 +151,10 @@ def _compile_passes() -> None:
     scene.world = World("grey", "Grey", None)
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, passes=passes, spectral=spectral)
+    scene.bake = whole_bake(scene)
+    for spectral in ("OFF", "ON"):
+        _render("OFF", scene=scene, passes=passes, spectral=spectral)
+    scene.bake = None
     scene.instances.is_shadow_catcher = np.arange(len(scene.instances.name)) == 1
     scene.fast_gi = FastGi(added=1.0)
     _render("OFF", scene=scene, passes=passes)
@@ -305,6 +310,13 @@ def small_scene() -> SceneDescription:
         lights=[Light(kind, kind, kind, up, white, 10.0, **of.example) for kind, of in LAMP_KINDS.items()],
         world=World("world", "World", gradient, sampling="MANUAL", map_resolution=8),
     )
+
+
+def whole_bake(scene: SceneDescription) -> Bake:
+    """A bake of the first triangle of the first instance, to all pixels of the frame."""
+    shape = scene.frame.height, scene.frame.width
+    places = np.zeros(shape, np.int32), np.full((*shape, 2), 0.25, np.float32), np.zeros((*shape, 4), np.float32)
+    return Bake(0, *places)
 
 
 def strand(shape: str = ROUND) -> Mesh:

@@ -42,7 +42,7 @@ def plane(blender: Any) -> tuple[Any, Any, Any]:
 def test_means_are_those_of_cycles(plane: Any, kind: str, filters: set[str] | None) -> None:
     """Within noise, and half a percent: noise from texels beside each other, whose means differ little."""
     scene, _, image = plane
-    options = {} if filters is None else {"pass_filter": filters}
+    options: dict[str, Any] = {} if filters is None else {"pass_filter": filters}
     # As docs/differences.md says, a bake of some lobes counts bounces as Cycles' renders do, not as its bakes.
     scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = 12
     samples = 256
@@ -57,6 +57,17 @@ def test_means_are_those_of_cycles(plane: Any, kind: str, filters: set[str] | No
     assert abs(difference.mean()) <= 0.005 * theirs.mean()
     # Nowhere another place: shadows and colours lie where Cycles has them.
     assert np.abs(difference).max() <= 0.1 * theirs.max()
+
+
+@pytest.mark.parametrize(("method", "cache"), [("AUTO", "OFF"), ("OFF", "CONVERGING")])
+def test_what_is_learned_changes_no_mean(plane: Any, method: str, cache: str) -> None:
+    scene, _, image = plane
+    theirs = bake(scene, image, "CYCLES", "COMBINED", 1024)[COVERED]
+    scene.neuralguide.radiance_cache = cache
+    ours = bake(scene, image, "NEURALGUIDE", "COMBINED", 512, guiding_method=method)[COVERED]
+    difference = ours.mean(axis=-1) - theirs.mean(axis=-1)
+    assert abs(difference.mean()) <= SIGMAS * difference.std() / np.sqrt(difference.size)
+    assert abs(difference.mean()) <= 0.005 * theirs.mean()
 
 
 @pytest.mark.parametrize("kind", ["NORMAL", "EMIT", "POSITION", "ENVIRONMENT"])
@@ -183,7 +194,7 @@ def test_details_of_another_object_are_baked(plane: Any, blender: Any) -> None:
     scene.collection.objects.link(detail)
     detail.select_set(True)
     blender.context.view_layer.objects.active = flat
-    options = {"use_selected_to_active": True, "cage_extrusion": 0.1}
+    options: dict[str, Any] = {"use_selected_to_active": True, "cage_extrusion": 0.1}
     found = bake(scene, image, "NEURALGUIDE", "EMIT", 1, **options)[COVERED]
     assert np.allclose(found, (1.0, 0.5, 2.0), rtol=1e-5)
 
@@ -224,7 +235,7 @@ def test_glossy_surfaces_are_seen_from_the_camera(plane: Any, blender: Any) -> N
     camera.location, camera.rotation_euler = (0.5, -3.0, 2.0), (0.9, 0.0, 0.1)
     scene.collection.objects.link(camera)
     scene.camera = camera
-    options = {"pass_filter": {"DIRECT", "INDIRECT", "COLOR"}}
+    options: dict[str, Any] = {"pass_filter": {"DIRECT", "INDIRECT", "COLOR"}}
     above = bake(scene, image, "CYCLES", "GLOSSY", 64, **options)[COVERED]
     scene.render.bake.view_from = "ACTIVE_CAMERA"
     ours, theirs = (bake(scene, image, by, "GLOSSY", 256, **options)[COVERED] for by in ("NEURALGUIDE", "CYCLES"))

@@ -33,7 +33,7 @@ def add_image(item: Any, name: str = "Baked", size: int = SIZE, tiles: int = 1) 
 
 
 def baked_plane(scene: Any) -> tuple[Any, Any]:
-    """A reddish plane whose UVs cover a quarter of its image, below a box, a sun and a sky: the plane and its image."""
+    """A reddish plane whose UVs cover a quarter of its image, a box over it, a sun and a sky: plane and image."""
     import bpy
 
     bpy.ops.mesh.primitive_cube_add(size=0.6, location=(0.4, 0.2, 0.6))
@@ -61,14 +61,16 @@ def baked_plane(scene: Any) -> tuple[Any, Any]:
     return plane, add_image(plane)
 
 
-def bake(scene: Any, image: Any, by: str, kind: str, samples: int, **options: Any) -> Float32Array:
-    """The image after a bake by an engine, NEURALGUIDE (unguided) or CYCLES: float32 (H, W, 4)."""
+def bake(
+    scene: Any, image: Any, by: str, kind: str, samples: int, guiding_method: str = "OFF", **options: Any
+) -> Float32Array:
+    """The image after a bake by an engine, NEURALGUIDE or CYCLES: float32 (H, W, 4)."""
     import bpy
 
     scene.render.engine = by
     scene.cycles.samples = scene.neuralguide.samples = samples
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
-    scene.neuralguide.guiding_method = "OFF"
+    scene.neuralguide.guiding_method = guiding_method
     assert bpy.ops.object.bake(type=kind, **{"margin": 0, **options}) == {"FINISHED"}
     return pixels_of(image)
 

@@ -92,7 +92,7 @@ def test_places_are_seen_from_the_camera(kind: str, view: int, eye: tuple[float,
         ({"triangles": np.zeros((2, 2), np.int32)}, "2 x 2 pixels, and the image is 2 x 1"),
         ({"instance": 2}, "of instance 2, and there are 2"),
         ({"triangles": np.array([[0, 2]], np.int32)}, "'Square' has 2 triangles, and triangle 2 is to be baked"),
-        ({"view": "BELOW"}, "a bake from 'BELOW': choose"),
+        ({"view": "BELOW"}, "view is 'BELOW': choose ABOVE"),
     ],
 )
 def test_what_cannot_be_baked_is_refused_in_words(changes: dict[str, Any], message: str) -> None:
