@@ -17,6 +17,7 @@ from engine.render.session import Session
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
+from engine.scene.bake import Bake
 from engine.scene.description import Link, Node, NodeGraph, SceneDescription
 from engine.scene.fast_gi import FastGi
 from engine.scene.grids import VolumeMotion
@@ -45,6 +46,7 @@ _OF_LINKS = {
 }  # fmt: skip
 #: Of Fast GI, which adds light to the scene with media; short rays are for unguided renders.
 _OF_FAST_GI = {"shorten_rays", "lengthen_rays", "dim_background"}
+_OF_BAKES = {"aim_at_baked", "meet_baked"}
 _OF_ADDED_LIGHT = {"aim_added_light", "leave_added_light"}
 #: Where media vary others are in its place.
 _OF_UNIFORM_MEDIA = {"attenuate_shadows"}
@@ -217,6 +219,14 @@ def test_a_loop_passes_on_bundles_that_it_does_not_know() -> None:
     assert not table.plug("take", lambda held, values: None, second.held, out)
 
 
+def _bake_of(description: SceneDescription) -> Bake:
+    """All pixels look at the first triangle of the first instance."""
+    size = description.frame.height, description.frame.width
+    return Bake(
+        0, np.zeros(size, np.int32), np.full((*size, 2), 0.3, np.float32), np.zeros((*size, 4), np.float32)
+    )
+
+
 @pytest.mark.parametrize(
     ("method", "spectral", "roulette"),
     [
@@ -256,6 +266,7 @@ def test_the_main_loop_passes_what_its_stages_take(
         # Shadow rays pass a strand of the clear material.
         description.meshes.append(strand())
         description.instances.mesh[1] = 1
+        description.bake = _bake_of(description)
     has_links = method == "TABLE_RIS" and spectral == "OFF"
     if has_links:
         _link_lamps(description)
@@ -293,7 +304,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     if not has_media:
         unused |= _OF_ADDED_LIGHT
     if not has_subsurface:
-        unused |= _OF_SUBSURFACE | _OF_CURVES
+        unused |= _OF_SUBSURFACE | _OF_CURVES | _OF_BAKES
     if not has_links:
         unused |= _OF_LINKS
     if roulette != "LEARNED":
