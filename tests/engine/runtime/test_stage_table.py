@@ -12,7 +12,7 @@ import pytest
 from engine.methods import METHODS
 from engine.render import tracer
 from engine.render.data_passes import SPECULAR_MOTION
-from engine.render.precompile_worker import small_scene, strand
+from engine.render.precompile_worker import small_scene, strand, whole_bake
 from engine.render.session import Session
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
@@ -39,6 +39,7 @@ _OF_MEDIA = {
 _OF_SUBSURFACE = {"walk_subsurface", "leave_subsurface"}
 _OF_CURVES = {"prepare_rounds", "prepare_passed_rounds"}
 #: And of shading offsets, which that scene has too.
+_OF_BAKES = {"aim_at_baked", "meet_baked"}
 _OF_LINKS = {
     "meet_hidden_lamps", "leave_hidden_lamps", "meet_varying_lamps", "keep_varying_lamps", "add_varying_lamps",
     "shift_terminator",
@@ -256,6 +257,7 @@ def test_the_main_loop_passes_what_its_stages_take(
         # Shadow rays pass a strand of the clear material.
         description.meshes.append(strand())
         description.instances.mesh[1] = 1
+        description.bake = whole_bake(description)
     has_links = method == "TABLE_RIS" and spectral == "OFF"
     if has_links:
         _link_lamps(description)
@@ -293,7 +295,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     if not has_media:
         unused |= _OF_ADDED_LIGHT
     if not has_subsurface:
-        unused |= _OF_SUBSURFACE | _OF_CURVES
+        unused |= _OF_SUBSURFACE | _OF_CURVES | _OF_BAKES
     if not has_links:
         unused |= _OF_LINKS
     if roulette != "LEARNED":
