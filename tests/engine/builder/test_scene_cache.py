@@ -17,6 +17,7 @@ from engine.render.session import Session
 from engine.scene import description as contract
 from engine.scene import passes
 from engine.scene.attribute_names import UNDEFORMED
+from engine.scene.bake import Bake
 from engine.scene.description import (
     VISIBLE_ALL,
     VISIBLE_CAMERA,
@@ -450,6 +451,9 @@ CHANGES: dict[str, list[Change]] = {
                              _edit("instances.properties", lambda p: {k: 0.5 * v for k, v in p.items()})],
     "SceneDescription.passes": [_set("passes", PassSettings())],
     "SceneDescription.fast_gi": [_set("fast_gi", FastGi(1))],
+    "SceneDescription.bake": [_set("bake", Bake(
+        0, np.zeros((6, 8), np.int32), np.full((6, 8, 2), 0.3, np.float32), np.zeros((6, 8, 4), np.float32)
+    ))],
     "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
     "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
@@ -489,7 +493,8 @@ def _arrays(scene: Scene) -> dict[str, np.ndarray]:
         **{f"camera.{name}": array for name, array in scene.camera._asdict().items()},
     }
     bundles = {
-        "geometry": scene.geometry, "shaders": scene.shaders, "lights": scene.lights, "media": scene.media.arrays
+        "geometry": scene.geometry, "shaders": scene.shaders, "lights": scene.lights, "media": scene.media.arrays,
+        "bake": scene.bake,
     }  # fmt: skip
     for name, bundle in bundles.items():
         found |= _parts(name, bundle)
@@ -582,7 +587,9 @@ def _other_objects(a: Scene, b: Scene) -> set[str]:
     """Names of arrays that are not the same objects."""
     first, second = _arrays(a), _arrays(b)
     facts = {"world_program", "has_transparent_shadows"}
-    return {name for name in first if name not in facts and first[name] is not second[name]}
+    # Arrays of a bake are always made anew, and empty where there is none.
+    names = {name for name in first if name not in facts and not name.startswith("bake.")}
+    return {name for name in names if first[name] is not second[name]}
 
 
 def test_a_change_of_camera_builds_nothing_but_the_camera(session: Session) -> None:
