@@ -17,7 +17,6 @@ from engine.render.session import Session
 from engine.scene import description as contract
 from engine.scene import passes
 from engine.scene.attribute_names import UNDEFORMED
-from engine.scene.bake import Bake
 from engine.scene.description import (
     VISIBLE_ALL,
     VISIBLE_CAMERA,
@@ -45,6 +44,7 @@ from engine.scene.rounds import SPHERES, Rounds
 from engine.settings import RenderSettings
 from engine.spectral.observer import XYZ_TO_REC709
 from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
+from tests.helpers.bakes import first_triangle
 from tests.helpers.linked_lights import linkings
 from tests.helpers.media_scenes import media_scene, placed, varying
 
@@ -451,9 +451,7 @@ CHANGES: dict[str, list[Change]] = {
                              _edit("instances.properties", lambda p: {k: 0.5 * v for k, v in p.items()})],
     "SceneDescription.passes": [_set("passes", PassSettings())],
     "SceneDescription.fast_gi": [_set("fast_gi", FastGi(1))],
-    "SceneDescription.bake": [_set("bake", Bake(
-        0, np.zeros((6, 8), np.int32), np.full((6, 8, 2), 0.3, np.float32), np.zeros((6, 8, 4), np.float32)
-    ))],
+    "SceneDescription.bake": [_set("bake", first_triangle(8, 6))],
     "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
     "PassSettings.mist_depth": [_set("passes.mist_depth", 2.0)],
@@ -492,13 +490,9 @@ def _arrays(scene: Scene) -> dict[str, np.ndarray]:
         "has_transparent_shadows": np.array(scene.has_transparent_shadows),
         **{f"camera.{name}": array for name, array in scene.camera._asdict().items()},
     }
-    bundles = {
-        "geometry": scene.geometry, "shaders": scene.shaders, "lights": scene.lights, "media": scene.media.arrays,
-        "bake": scene.bake,
-    }  # fmt: skip
-    for name, bundle in bundles.items():
-        found |= _parts(name, bundle)
-    return found
+    for name in ("geometry", "shaders", "lights", "bake"):
+        found |= _parts(name, getattr(scene, name))
+    return found | _parts("media", scene.media.arrays)
 
 
 def _parts(name: str, value: Any) -> dict[str, np.ndarray]:
@@ -587,8 +581,7 @@ def _other_objects(a: Scene, b: Scene) -> set[str]:
     """Names of arrays that are not the same objects."""
     first, second = _arrays(a), _arrays(b)
     facts = {"world_program", "has_transparent_shadows"}
-    # Arrays of a bake are always made anew, and empty where there is none.
-    names = {name for name in first if name not in facts and not name.startswith("bake.")}
+    names = {name for name in first if name not in facts and not name.startswith("bake.")}  # They are always made anew.
     return {name for name in names if first[name] is not second[name]}
 
 

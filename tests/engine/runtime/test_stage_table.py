@@ -17,7 +17,6 @@ from engine.render.session import Session
 from engine.runtime.bundle import Bundle
 from engine.runtime.jit import BoundKernel, in_python, kernel
 from engine.runtime.stage_table import StageTable, StageType
-from engine.scene.bake import Bake
 from engine.scene.description import Link, Node, NodeGraph, SceneDescription
 from engine.scene.fast_gi import FastGi
 from engine.scene.grids import VolumeMotion
@@ -25,6 +24,7 @@ from engine.scene.linking import ALL_SETS, Linking
 from engine.scene.passes import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
+from tests.helpers.bakes import first_triangle
 from tests.helpers.media_scenes import grid_of
 from tests.helpers.subsurface_scenes import below
 
@@ -219,14 +219,6 @@ def test_a_loop_passes_on_bundles_that_it_does_not_know() -> None:
     assert not table.plug("take", lambda held, values: None, second.held, out)
 
 
-def _bake_of(description: SceneDescription) -> Bake:
-    """All pixels look at the first triangle of the first instance."""
-    size = description.frame.height, description.frame.width
-    return Bake(
-        0, np.zeros(size, np.int32), np.full((*size, 2), 0.3, np.float32), np.zeros((*size, 4), np.float32)
-    )
-
-
 @pytest.mark.parametrize(
     ("method", "spectral", "roulette"),
     [
@@ -266,7 +258,7 @@ def test_the_main_loop_passes_what_its_stages_take(
         # Shadow rays pass a strand of the clear material.
         description.meshes.append(strand())
         description.instances.mesh[1] = 1
-        description.bake = _bake_of(description)
+        description.bake = first_triangle(description.frame.width, description.frame.height)
     has_links = method == "TABLE_RIS" and spectral == "OFF"
     if has_links:
         _link_lamps(description)
