@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 
 from . import console
+from .cli_files import say_files
 from .denoise_after_render import frames_to_denoise
 from .denoise_sequence import FOLDER, SequenceDenoiser
 from .exr_layers import LayersError
@@ -24,17 +25,7 @@ def denoise_frames(paths: Sequence[Path], threads: int, should_stop: Callable[[]
         If the first frame cannot be denoised.
     """
     denoiser = SequenceDenoiser(paths, paths[0].parent / FOLDER, threads=threads)
-    try:
-        for written in denoiser:
-            console.say(f"Saved: '{written}'")
-            if should_stop():
-                return ""
-    except (LayersError, OSError) as error:
-        console.complain(f"denoising over time: {error}")
-        return str(error)
-    for warning in denoiser.warnings:
-        console.say(f"NeuralGuide: {warning}")
-    return ""
+    return say_files(denoiser, "denoising over time", should_stop)
 
 
 def denoise_animation(

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from . import console
-from .exr_layers import LayersError
+from .cli_files import say_files
 from .light_mix_operator import make_mixer
 from .light_mix_sequence import FOLDER
 
@@ -27,15 +26,4 @@ def mix_frames(scene: bpy.types.Scene, path: Path, threads: int, should_stop: Ca
     LayersError
         If the first frame cannot be mixed.
     """
-    mixer = make_mixer(scene, path, path.parent / FOLDER, threads)
-    try:
-        for written in mixer:
-            console.say(f"Saved: '{written}'")
-            if should_stop():
-                return ""
-    except (LayersError, OSError) as error:
-        console.complain(f"mixing lights: {error}")
-        return str(error)
-    for warning in mixer.warnings:
-        console.say(f"NeuralGuide: {warning}")
-    return ""
+    return say_files(make_mixer(scene, path, path.parent / FOLDER, threads), "mixing lights", should_stop)

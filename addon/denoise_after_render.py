@@ -15,6 +15,7 @@ from typing import Any
 import bpy
 
 from . import sequence
+from .app_handlers import add_handlers, remove_handlers
 from .denoise_over_time import counts
 from .denoise_sequence import FOLDER, SequenceDenoiser
 from .exr_layers import LayersError
@@ -153,12 +154,9 @@ def _handlers() -> list[tuple[list[Any], Any]]:
 
 def register() -> None:
     """Look at what is rendered."""
-    for handlers, handler in _handlers():
-        handlers.append(handler)
+    add_handlers(_handlers())
 
 
 def unregister() -> None:
     """Stop looking."""
-    for handlers, handler in _handlers():
-        if handler in handlers:
-            handlers.remove(handler)
+    remove_handlers(_handlers())

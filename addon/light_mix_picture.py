@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import light_mix
+from .app_handlers import add_handlers, remove_handlers
 from .shared_settings import thread_count
 
 if TYPE_CHECKING:
@@ -368,13 +369,10 @@ def _handlers() -> list[tuple[list[Any], Any]]:
 
 def register() -> None:
     """Show mixes once renders have ended, and free them when another file is opened."""
-    for handlers, handler in _handlers():
-        handlers.append(handler)
+    add_handlers(_handlers())
 
 
 def unregister() -> None:
     """Stop that, and free what is kept."""
-    for handlers, handler in _handlers():
-        if handler in handlers:
-            handlers.remove(handler)
+    remove_handlers(_handlers())
     forget()

@@ -16,6 +16,7 @@ from typing import Any
 
 import bpy
 
+from .app_handlers import add_handlers, remove_handlers
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, setting_owner
 
 #: Settings whose default is another now, and what it was. Files say them wherever they have settings of ours.
@@ -136,16 +137,13 @@ def _handlers() -> list[tuple[list[Any], Any]]:
 
 def register() -> None:
     """Look at the open file, and at every one that is opened or saved from now on."""
-    for handlers, handler in _handlers():
-        handlers.append(handler)
+    add_handlers(_handlers())
     if hasattr(bpy.data, "scenes"):  # while Blender starts there is no file yet
         _after_loading()
 
 
 def unregister() -> None:
     """Stop looking; scenes in memory are told from those of old files when the add-on is enabled again."""
-    for handlers, handler in _handlers():
-        if handler in handlers:
-            handlers.remove(handler)
+    remove_handlers(_handlers())
     if hasattr(bpy.data, "scenes"):
         _mark()
