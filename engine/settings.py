@@ -197,6 +197,17 @@ class RenderSettings:
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
         "Guiding", scene_default="AUTO", choices=tuple(Choice(*facts) for facts in ACCURACIES),
     )
+    caustics: str = _declare(
+        "PATHS", "Caustics",
+        "How light is found that lamps send through glass and over mirrors onto other surfaces", "Sampling",
+        choices=(
+            Choice("PATHS", "Paths", "By paths from the camera, which seldom meet a small lamp that way"),
+            Choice(
+                "PHOTONS", "Photons",
+                "By photons from the lamps too. Caustics are smooth, a little blurred at first, and become sharp",
+            ),
+        ),
+    )
     spectral: str = _declare(
         "AUTO", "Spectral", "Whether light has wavelengths, or red, green and blue", "Sampling",
         choices=(
@@ -504,6 +515,11 @@ class RenderSettings:
         """Whether regions learn which lights to sample. Without guiding a radiance cache learns alone."""
         is_wanted = self.is_guided if self.light_selection == "AUTO" else self.light_selection == "LEARNED"
         return is_wanted and self.use_nee and (self.is_guided or self.radiance_cache == "OFF")
+
+    @property
+    def traces_photons(self) -> bool:
+        """Whether photons find caustics, in scenes that may have some (`engine.render.resolution`)."""
+        return self.caustics == "PHOTONS"
 
     @property
     def channel_count(self) -> int:

@@ -19,6 +19,7 @@ from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
+from engine.builder.casters import build_casters
 from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map, without_discs
@@ -65,6 +66,7 @@ from engine.state.geometry import (
 )
 from engine.state.lanes import RGB
 from engine.state.lights import HEADER_SOURCES, LAMP_FLAG_IN_SURFACE, LAMP_FLAGS, LAMP_LIGHT, LightArrays
+from engine.state.photons import CasterArrays
 from engine.state.shaders import (
     PROGRAM_FLAGS,
     PROGRAM_HAS_PORTAL,
@@ -94,6 +96,7 @@ class Scene:
     media: SceneMedia
     accelerator: Accelerator
     local_scenes: LocalScenes
+    casters: CasterArrays
     #: Row of ShaderArrays.programs of the world, -1 = black.
     world_program: int
     has_transparent_shadows: bool
@@ -457,6 +460,7 @@ def build_scene(
         media=media,
         accelerator=accelerator,
         local_scenes=_build_local_scenes(cache, geometry, shaders),
+        casters=build_casters(geometry, cache.programs.compiled, lights),
         world_program=programs.world_program,
         **_facts(cache, geometry, shaders),
         has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),

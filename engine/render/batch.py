@@ -19,6 +19,7 @@ from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
 from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
+from engine.render.photon_maps import CHUNK
 from engine.runtime.bundle import Bundle
 from engine.runtime.stage_table import StageTable
 from engine.settings import RenderSettings
@@ -43,6 +44,7 @@ from engine.state.lanes import (
 )
 from engine.state.media import allocate_media_lanes
 from engine.state.passed_hits import allocate_passed_hits
+from engine.state.photons import allocate_photon_lanes
 from engine.state.shaders import RayOps, ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import BRIDGE, Unit, UnitCosts
@@ -74,6 +76,8 @@ from engine.wavefront.columns import (
 from engine.wavefront.node_rays import NodeRays
 from engine.wavefront.work import QUEUES, GuidanceView, RadianceView, SceneView, Work, allocate_queue
 
+#: Photons that a thread keeps of those that it has sent off at a time: eight of each would fit.
+PHOTON_ROWS = 8 * CHUNK
 #: Paths in flight where there are strands or points: rays look into more memory than a core has near it, and so find
 #: there what the last few rays have read.
 LANES_AMONG_STRANDS = 128
@@ -266,6 +270,7 @@ class Batch:
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             walks=allocate_walk_lanes(lanes, channel_count),
+            photons=allocate_photon_lanes(lanes, PHOTON_ROWS) if settings.traces_photons else allocate_photon_lanes(1, 1),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

@@ -86,6 +86,10 @@ def resolve(
             settings = replace(settings, radiance_cache="OFF")
     if cache_left_out:
         settings = replace(settings, radiance_cache="OFF")
+    if settings.traces_photons and (problem := _why_no_photons(settings, scene)):
+        if len(scene.casters.instance):
+            notices.append(Notice("Caustics by photons", problem, "paths alone find them"))
+        settings = replace(settings, caustics="PATHS")
     if scene.media.is_used:
         # What it would learn is of surfaces: collisions with media are none.
         if settings.roulette == "LEARNED":
@@ -105,6 +109,23 @@ def resolve(
     settings = replace(settings, strata=strata_count(settings, _film_bytes(scene.description.frame, layout)))
     request = RenderRequest(scene.description.frame, settings, layout, learning, first_samples)
     return Resolution(request, tuple(notices), cache_left_out)
+
+
+def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
+    """Why photons find nothing in a scene, or are not at home in it; '' where they do."""
+    if not len(scene.casters.instance) or not settings.use_nee:
+        return "have nothing to go over"
+    if not (settings.use_caustics_reflective or settings.use_caustics_refractive):
+        return "are not asked for: caustics are off"
+    if settings.spectral == "ON":
+        return "know no wavelengths"
+    if scene.media.is_used:
+        return "know no media"
+    if scene.has_catchers:
+        return "know no shadow catchers"
+    if scene.description.fast_gi.bounces > 0:
+        return "know no Fast Global Illumination"
+    return ""
 
 
 def _layout(settings: RenderSettings, scene: Scene, passes: frozenset[str]) -> FilmLayout:

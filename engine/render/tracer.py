@@ -22,6 +22,7 @@ from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
+from engine.render.photon_maps import PhotonMaps
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
 from engine.render.unit_header import unit_header
@@ -34,9 +35,11 @@ from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
+from engine.state.photons import PhotonMap, no_photons
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
+    PHOTONS,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_ROUNDS,
     SCENE_IS_SPECTRAL,
@@ -47,6 +50,8 @@ from engine.wavefront.columns import (
     UNIT_PREDICTS,
     UNIT_RECORD_THRESHOLD,
     UNIT_SAMPLE_FIRST,
+    UNIT_SEED,
+    UNIT_SHADER_MODE,
     UNIT_SHOWS_BACKGROUND,
     UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
@@ -58,7 +63,7 @@ from engine.wavefront.columns import (
 )
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.stages import STAGES, Loop, stage_arguments
-from engine.wavefront.trace_rounds import trace_rounds
+from engine.wavefront.trace_rounds import trace_photons, trace_rounds
 from engine.wavefront.work import NoModel, RadianceView, SceneView, UnitView
 
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
@@ -92,6 +97,20 @@ def _lanes_in_flight(view: SceneView, arm: Arm) -> int:
     """How many paths a unit has at once."""
     has_few = view.header[SCENE_HAS_ROUNDS] != 0 and arm.guidance is None
     return LANES_AMONG_STRANDS if has_few else LANE_COUNT
+
+
+def _photon_maps(scene: Scene, settings: RenderSettings) -> PhotonMaps | None:
+    """The maps of a render with photons."""
+    if not settings.traces_photons:
+        return None
+    x0, y0, x1, y1 = scene.description.frame.region
+    return PhotonMaps((x1 - x0) * (y1 - y0), float(scene.casters.area[0]))
+
+
+def _of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Of what `trace_rounds` takes, that which `trace_photons` does."""
+    stages, scene, unit, guidance, _, work, stop = arguments
+    return stages, scene, unit, guidance, work, stop
 
 
 def _radiance_of(guidance: Guidance | None, nothing: RadianceView) -> RadianceView:
@@ -135,10 +154,11 @@ class Tracer:
             settings, description.frame.exposure, description.passes.occlusion_distance, description.fast_gi
         )
         self.view = SceneView(
-            scene_header(scene, settings), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
+            scene_header(scene, settings, has_photons=settings.traces_photons), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
             scene.camera.filter, tables_for(description.to_xyz) if channel_count > RGB else no_spectral_tables(),
             scene.geometry, scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
-            build_data_view(scene, layout.data.options), scene.bake, scene.local_scenes.handles, options,
+            build_data_view(scene, layout.data.options), scene.bake, scene.casters, no_photons(),
+            scene.local_scenes.handles, options,
         )
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
@@ -147,6 +167,7 @@ class Tracer:
             "field": no_field(), "allocation": no_allocation(), "probability": nothing, "light_share": nothing,
             "benefit": nothing,
         }
+        self._photon_maps = _photon_maps(scene, settings)
         self._no_radiance = RadianceView(
             no_table(channel_count), NoModel(np.zeros(1, np.uint8)), no_cells(), no_roulette_field()
         )
@@ -169,6 +190,7 @@ class Tracer:
         """A new table: the types of the stages' arguments follow from scene and settings."""
         self.stages = StageTable(STAGES)
         self._compiled_loop: BoundKernel | None = None
+        self._photon_loop: BoundKernel | None = None
         #: What `ask_model` is linked for.
         self._asked: object = None
 
@@ -285,6 +307,9 @@ class Tracer:
         if hasattr(trace_rounds, "overloads"):
             loop = BoundKernel(trace_rounds)
             loop.bind(*arguments)
+            if is_linked and self._photon_maps is not None:
+                self._photon_loop = BoundKernel(trace_photons)
+                self._photon_loop.bind(*_of_photons(arguments))
             if is_linked:
                 self._compiled_loop = loop
         for model in self._models:
@@ -365,16 +390,23 @@ class Tracer:
         bool
             False if it was stopped; the film is then incomplete.
         """
+        photons = None
+        if self._photon_maps is not None:
+            photons = self._photon_maps.map_of(
+                unit.sample_first, lambda first, count: self._send_off_photons(batch, first, count, stop)
+            )
+            if photons is None:
+                return False
         batch.begin(_lanes_in_flight(self.view, self._arms[unit.arm]))
         started, cost_from = time.perf_counter(), _UNIT_CLOCK()
         model = self._arms[unit.arm].model
         ask = None if model is None else model.ask_elsewhere
         if self.ray_observer is None and ask is None and self._compiled_loop is not None:
             loop: Callable[..., Any] = self._compiled_loop
-            arguments = self._arguments(self.stages, batch, unit, stop)
+            arguments = self._arguments(self.stages, batch, unit, stop, photons)
         else:
             loop = self._python_loop
-            arguments = self._arguments(python_stages(self.stages, self.ray_observer, ask), batch, unit, stop)
+            arguments = self._arguments(python_stages(self.stages, self.ray_observer, ask), batch, unit, stop, photons)
         is_finished = loop(*arguments)
         if is_finished and self.layout.has_catchers:
             batch.begin_followers()
@@ -387,7 +419,30 @@ class Tracer:
         batch.count(unit, seconds, cost, is_finished=bool(is_finished))
         return bool(is_finished)
 
-    def _arguments(self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray) -> tuple:
+    def _send_off_photons(self, batch: Batch, first: int, count: int, stop: np.ndarray) -> np.ndarray | None:
+        """Trace photons in a thread's memory; what has arrived, or None if it was stopped."""
+        if stop[0]:
+            return None
+        unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int32), first, count, arm=PLAIN)
+        batch.begin()
+        stages, view, unit_view, guidance, _, work, _ = self._arguments(self.stages, batch, unit, stop)
+        header = unit_view.header
+        kept = header[[UNIT_SEED, UNIT_SHADER_MODE, UNIT_SAMPLE_FIRST, UNIT_PATH_COUNT, UNIT_SPLITS_LIGHT]]
+        header[:] = 0
+        header[[UNIT_SEED, UNIT_SHADER_MODE, UNIT_SAMPLE_FIRST, UNIT_PATH_COUNT, UNIT_SPLITS_LIGHT]] = kept
+        options = view.options._replace(
+            clamp_direct=np.float32(0.0), clamp_indirect=np.float32(0.0), inverse_light_threshold=np.float32(0.0)
+        )
+        scene = view._replace(options=options, lights=view.casters.lights)
+        loop: Callable[..., Any] = self._photon_loop or in_python(trace_photons)
+        if not loop(stages, scene, unit_view, guidance, work, stop):
+            return None
+        found: np.ndarray = work.photons.found[: work.counts[PHOTONS]].copy()
+        return found
+
+    def _arguments(
+        self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray, photons: PhotonMap | None = None
+    ) -> tuple:
         """What `trace_rounds` takes."""
         arm = self._arms[unit.arm]
         guidance = arm.guidance
@@ -400,6 +455,7 @@ class Tracer:
         header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT] = unit.sample_first, unit.path_count
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         view = UnitView(header, unit.pixels, weights, batch.film)
+        scene = arm.view if photons is None else arm.view._replace(photons=photons)
         return (
-            stages, arm.view, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
+            stages, scene, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
         )  # fmt: skip

@@ -79,6 +79,10 @@ RAY_STARTS_ON = 524288
 RAY_SHADOW_IN_PLACE = 1048576
 RAY_SUBSURFACE = 2097152  # the path's hit is where it comes out from below a surface: diffuse, seen from outside
 RAY_MIRRORS_DONE = 4194304  # what the path meets next is not seen in a mirror, nor through what is transparent
+#: Photons find what the ray may find too: behind a surface that gathers them it has met delta lobes only, the last one of
+#: a caster. And: the last surface that was not one of delta lobes gathers photons.
+RAY_CAUSTIC = 8388608
+RAY_GATHERED = 1073741824
 RAY_TREE_SHIFT, RAY_TREE_MASK = 24, 63 << 24  # light tree of what has scattered the ray (kernels.lights.linking)
 
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer

@@ -32,7 +32,8 @@ SCENE_SHIFTS_SHADING = 21  # objects with a Shadow Terminator Shading Offset
 SCENE_SHORTENS = 22  # later bounces look at what is near alone (`FastGi.bounces`)
 SCENE_ADDS_LIGHT = 23  # surfaces receive light for what does not hide the sky (`FastGi.added`)
 SCENE_BAKES = 24  # rays look at places of a bake, not from the camera
-SCENE_HEADER_WIDTH = 25
+SCENE_HAS_PHOTONS = 25  # lamps' light through smooth surfaces is found by photons
+SCENE_HEADER_WIDTH = 26
 
 # UnitView.header
 UNIT_SEED = 0
@@ -83,7 +84,8 @@ MEDIA_DROPPED = CACHED_PATHS + CACHED_DEPTHS  # entries into more media at once 
 MAJORANTS_EXCEEDED = MEDIA_DROPPED + 1  # points where a medium is denser than its bound
 MEDIUM_REJECTS = MEDIA_DROPPED + 2  # and where it is no number
 TRACKING_ENDED = MEDIA_DROPPED + 3  # rays that have been followed for too long
-COUNT_WIDTH = MEDIA_DROPPED + 4
+PHOTONS = MEDIA_DROPPED + 4  # rows of `PhotonLanes.found` in use
+COUNT_WIDTH = MEDIA_DROPPED + 5
 
 
 class ClockEntries(NamedTuple):
@@ -126,6 +128,7 @@ class ClockEntries(NamedTuple):
     end_in_cache: int
     collect_records: int
     accumulate: int
+    gather_photons: int
 
 
 CLOCK = ClockEntries(*range(len(ClockEntries._fields)))

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from engine.kernels.caustics import caster_receiver, share_of_path
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.lights import (
@@ -23,6 +24,7 @@ from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.film import FEATURE_EMISSION
 from engine.state.lanes import (
+    RAY_CAUSTIC,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RGB,
@@ -64,13 +66,21 @@ def distance_to_lamp(lights, row, origin, wi, t_min, t_max, is_endless):
 
 
 @kernel
-def weigh_lamp(scene, paths, lane, row, origin, wi, distance):
+def weigh_lamp(scene, work, lane, row, origin, wi, distance):
     """What leaves a lamp towards a ray, MIS weight included, and how clamping sees it."""
+    paths = work.paths
     lights, options, flags = scene.lights, scene.options, paths.flags[lane]
     is_local = row < lights.header[HEADER_HITTABLE]
     factor = lamp_leaving(lights, row, origin, wi) if is_local else distant_lamp_leaving(lights, row, origin, wi)
     unguided = found_alone(paths.unguided[lane])
-    if factor > 0.0 and options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+    if factor > 0.0 and flags & RAY_CAUSTIC:
+        asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
+        if is_local:
+            pdf = lamp_pdf(scene.casters.lights, row, asking, wi, distance)
+        else:
+            pdf = distant_lamp_pdf(scene.casters.lights, row, asking, wi)
+        factor *= share_of_path(scene, work, lane, pdf, cosine)
+    elif factor > 0.0 and options.use_nee != 0 and not flags & RAY_MIS_SKIP:
         tree = tree_of_ray(lights, flags)
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
         receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False, tree)

@@ -93,7 +93,7 @@ def meet_hidden_lamps(scene, unit, work, queue):
         row, distance, count = _find(lights, paths, lane, origin, wi, paths.random[lane, 2])
         if row < 0:
             continue
-        factor, unguided = weigh_lamp(scene, paths, lane, row, origin, wi, distance)
+        factor, unguided = weigh_lamp(scene, work, lane, row, origin, wi, distance)
         if not factor > 0.0:
             continue
         whole = factor * np.float32(count)

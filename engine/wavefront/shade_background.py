@@ -6,6 +6,7 @@ Between the two, `evaluate_shaders` runs the world's program where it is not con
 
 import numpy as np
 
+from engine.kernels.caustics import caster_receiver, share_of_path
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import background_pdf, emitter_towards, tree_of_ray
@@ -32,6 +33,7 @@ from engine.state.lanes import (
     POINT_U,
     POINT_V,
     POINT_WO,
+    RAY_CAUSTIC,
     RAY_EMISSION,
     RAY_MIS_FINDS_ALL,
     RAY_MIS_HAD_TRANSMISSION,
@@ -135,7 +137,13 @@ def shade_background(scene, unit, work, queue):
         if is_seen and not is_left_out:
             weight = np.float32(1.0)
             unguided = found_alone(paths.unguided[lane])
-            if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+            if flags & RAY_CAUSTIC:
+                asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
+                pdf = background_pdf(
+                    scene.casters.lights, asking.tree, asking.p, asking.n, False, False, load(paths.direction, lane)
+                )
+                weight = share_of_path(scene, work, lane, pdf, cosine)
+            elif options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 leaves_dim = (flags & RAY_MIS_FINDS_ALL) != 0
                 tree, direction = tree_of_ray(lights, flags), load(paths.direction, lane)
                 pdf = background_pdf(

@@ -8,6 +8,7 @@ import numpy as np
 from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
+from engine.kernels.caustics import caster_receiver, share_of_path
 from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.lights import (
     Receiver,
@@ -26,6 +27,7 @@ from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, INSTANC
 from engine.state.lanes import (
     CLOSURE_CHANNELS,
     CLOSURE_WIDTH,
+    RAY_CAUSTIC,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
     RAY_TERMINATE_AFTER_TRANSPARENT,
@@ -104,7 +106,15 @@ def shade_emission(scene, unit, work, queue):
         if emitted > 0.0 and surface_shines(lights, flags, instance):
             weight = np.float32(1.0)
             unguided = found_alone(paths.unguided[lane])
-            if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+            if flags & RAY_CAUSTIC:
+                receiver, cosine = caster_receiver(paths, lane, scene.casters.lights)
+                pdf = triangle_emitter_pdf(
+                    scene.casters.lights, geometry, receiver, instance, paths.hit_triangle[lane],
+                    load(paths.direction, lane), paths.mis_distance[lane] + paths.hit_distance[lane], paths.time[lane],
+                )
+                if not has_blockers(lights, triangle_emitter(lights, receiver.tree, instance, paths.hit_triangle[lane])):
+                    weight = share_of_path(scene, work, lane, pdf, cosine)
+            elif options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 receiver = Receiver(
                     load(paths.mis_origin, lane), load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0, False, tree_of_ray(lights, flags),

@@ -7,6 +7,7 @@ a program tells have stages of their own (`varying_lamps.py`).
 """
 
 
+from engine.kernels.caustics import caster_receiver, share_of_path
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import (
@@ -29,6 +30,7 @@ from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     RAY_CAMERA,
+    RAY_CAUSTIC,
     RAY_MIS_HAD_TRANSMISSION,
     RAY_MIS_SKIP,
 )
@@ -93,7 +95,11 @@ def shade_lights(scene, unit, work, queue):
             if not factor > 0.0:
                 continue
             unguided = found_alone(paths.unguided[lane])
-            if not counts_whole:
+            if flags & RAY_CAUSTIC:
+                asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
+                pdf = lamp_pdf(scene.casters.lights, row, asking, wi, distance)
+                factor *= share_of_path(scene, work, lane, pdf, cosine)
+            elif not counts_whole:
                 pdf = lamp_pdf(lights, row, receiver, wi, distance)
                 emitter = lamp_emitter(lights, tree, row)
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
@@ -116,7 +122,11 @@ def shade_lights(scene, unit, work, queue):
                 continue
             factor = distant_lamp_leaving(lights, row, origin, wi)
             unguided = found_alone(paths.unguided[lane])
-            if not counts_whole:
+            if flags & RAY_CAUSTIC:
+                asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
+                pdf = distant_lamp_pdf(scene.casters.lights, row, asking, wi)
+                factor *= share_of_path(scene, work, lane, pdf, cosine)
+            elif not counts_whole:
                 pdf = distant_lamp_pdf(lights, row, receiver, wi)
                 emitter = lamp_emitter(lights, tree, row)
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)

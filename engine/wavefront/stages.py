@@ -34,6 +34,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_PHOTONS,
     SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
@@ -52,10 +53,12 @@ from engine.wavefront.columns import (
 )
 from engine.wavefront.cross_below import cross_below
 from engine.wavefront.draw_candidates import draw_candidates
+from engine.wavefront.emit_photons import launch_photons, place_photons
 from engine.wavefront.end_in_cache import end_in_cache, follow_collisions, follow_footprints
 from engine.wavefront.enter_portals import enter_portals
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.follow_reflections import follow_reflections, write_reflected_motion
+from engine.wavefront.gather_photons import gather_photons, mark_caustics
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
 from engine.wavefront.guide_resample import guide_resample
@@ -63,6 +66,7 @@ from engine.wavefront.hidden_lamps import leave_hidden_lamps, meet_hidden_lamps
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.keep_photons import keep_photons
 from engine.wavefront.light_segments import leave_segments, light_segments
 from engine.wavefront.media_stacks import cross_boundaries, find_gaps, start_media
 from engine.wavefront.move_media import move_media
@@ -197,7 +201,7 @@ _EMITTERS, _LAMPS = _scene(SCENE_HAS_EMITTERS), _scene(SCENE_HAS_HITTABLE_LIGHTS
 _MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
 _VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
 _TRANSPARENT_SHADOWS, _ROUNDS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS), _scene(SCENE_HAS_ROUNDS)
-_SUBSURFACE = _scene(SCENE_HAS_SUBSURFACE)
+_SUBSURFACE, _PHOTONS = _scene(SCENE_HAS_SUBSURFACE), _scene(SCENE_HAS_PHOTONS)
 _HIDDEN_LAMPS, _VARYING_LAMPS = _scene(SCENE_HAS_HIDDEN_LAMPS), _scene(SCENE_HAS_VARYING_LAMPS)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
@@ -291,6 +295,7 @@ _STAGES = (
     Stage(upsample_closures, "upsample", _SPECTRAL),
     Stage(prepare_guides, "prepare_guides", _is_guided, _guided),
     Stage(write_guiding, "write_guiding", _all(_is_guided, _FEATURES), _guided),
+    Stage(gather_photons, "gather_photons", _PHOTONS),
     Stage(prepare_collisions, "sample_medium", _MEDIA),
     Stage(prepare_collision_guides, "prepare_guides", _all(_is_guided, _MEDIA), _guided),
     Stage(choose_lights, "choose_lights", _EMITTERS),
@@ -326,11 +331,16 @@ _STAGES = (
     Stage(guide_resample, "guide_resample", _is_guided, _guided),
     Stage(cross_boundaries, "sample_medium", _MEDIA),
     Stage(split_scattered, "split_light", _SPLITS_LIGHT),
+    Stage(mark_caustics, "gather_photons", _PHOTONS),
     Stage(follow_collisions, "end_in_cache", _all(_uses_cache, _MEDIA)),
     Stage(follow_footprints, "end_in_cache", _uses_cache),
     Stage(collect_records, "collect_records", _records),
     Stage(collect_cache_records, "collect_records", _uses_cache),
     Stage(accumulate, "accumulate"),
+    # Of `trace_photons`.
+    Stage(place_photons, "", _PHOTONS),
+    Stage(launch_photons, "", _PHOTONS),
+    Stage(keep_photons, "", _PHOTONS),
 )
 
 #: Kernels of all stages by name.

@@ -21,6 +21,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_HITTABLE_LIGHTS,
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
+    SCENE_HAS_PHOTONS,
     SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
@@ -436,6 +437,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if work.missed.count[0] > 0:
             _shade_background(stages, scene, unit, work)
         _shade_surfaces(stages, scene, unit, guidance, work)
+        if scene.header[SCENE_HAS_PHOTONS] != 0:
+            stages.gather_photons(scene, unit, work, work.surface)
+            mark(clock, CLOCK.gather_photons)
         if has_media:
             stages.prepare_collisions(scene, unit, work, work.collided)
             mark(clock, CLOCK.sample_medium)
@@ -459,6 +463,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if has_media:
             stages.cross_boundaries(scene, unit, work, work.surface)
             mark(clock, CLOCK.sample_medium)
+        if scene.header[SCENE_HAS_PHOTONS] != 0:
+            stages.mark_caustics(scene, unit, work, work.surface)
+            mark(clock, CLOCK.gather_photons)
         if unit.header[UNIT_SPLITS_LIGHT] != 0:
             stages.split_scattered(scene, unit, work, work.surface)
             mark(clock, CLOCK.split_light)
@@ -471,4 +478,35 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.collect_records)
         stages.accumulate(scene, unit, work, work.active)
         mark(clock, CLOCK.accumulate)
+    return 0
+
+
+@kernel
+def trace_photons(stages, scene, unit, guidance, work, stop):
+    """Send a unit's photons off, and follow them; those that have arrived are in `work.photons.found`.
+
+    Parameters
+    ----------
+    stages, scene, guidance, work, stop
+        As `trace_rounds` takes them.
+    unit : UnitView
+        Its samples are the photons.
+
+    Returns
+    -------
+    int
+        1 if all have ended.
+    """
+    while stop[0] == 0:
+        stages.place_photons(scene, unit, work, work.surface)
+        if work.surface.count[0] == 0:
+            return 1
+        _sample_lights(stages, scene, unit, guidance, work)
+        stages.launch_photons(scene, unit, work, work.surface)
+        while work.traced.count[0] > 0:
+            _prepare_surfaces(stages, scene, unit, work)
+            _evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
+            stages.keep_photons(scene, unit, work, work.surface)
+            if work.traced.count[0] > 0:
+                stages.intersect_closest(scene, unit, work, work.traced)
     return 0

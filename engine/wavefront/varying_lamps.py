@@ -119,7 +119,7 @@ def meet_varying_lamps(scene, unit, work, queue):
         row, distance, found = _find(lights, scene.options, paths, lane, origin, wi)
         if row < 0:
             continue
-        factor, unguided = weigh_lamp(scene, paths, lane, row, origin, wi, distance)
+        factor, unguided = weigh_lamp(scene, work, lane, row, origin, wi, distance)
         if not factor > 0.0:
             continue
         write_lamp_radiance(scene, paths, lane, row, factor * np.float32(found), shadows.radiance, lane)

@@ -36,6 +36,7 @@ from engine.state.lanes import (
 from engine.state.lights import LightArrays
 from engine.state.media import MediaArrays, MediaLanes
 from engine.state.passed_hits import PassedHits
+from engine.state.photons import CasterArrays, PhotonLanes, PhotonMap
 from engine.state.shaders import ShaderArrays, ShaderMemory
 from engine.state.tracking import TrackedLanes
 from engine.state.walks import WalkLanes
@@ -63,6 +64,8 @@ class SceneView(Bundle):
     media: MediaArrays
     data: DataView
     bake: BakeArrays
+    casters: CasterArrays
+    photons: PhotonMap
     local_scenes: np.ndarray
     options: IntegratorOptions
 
@@ -164,6 +167,7 @@ class Work(Bundle):
     shaded, light_shaded : the same closures as shaders see them, in RGB (`engine.state.lanes.as_rgb`)
     passes : light taken apart, for passes of it; catcher : of shadow catchers; media : what paths are in
     walks : what these need
+    photons : what lanes know of photons, and those that have arrived
     tracking : how far their rays have been followed through media that vary
     f_cos : float32 (L, `engine.state.lanes.value_width`), scratch for a stage's BSDF value or contribution
     """
@@ -207,6 +211,7 @@ class Work(Bundle):
     media: MediaLanes
     tracking: TrackedLanes
     walks: WalkLanes
+    photons: PhotonLanes
     log: VertexLog
     candidates: Candidates
     records: VertexRecords

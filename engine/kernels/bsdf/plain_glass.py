@@ -6,6 +6,8 @@ What follows from these alone is computed once a program (`fold_glass`, `fold_gl
 of `glossy.add_glass` and `glossy.add_glossy`, but for rounding.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.array_types import Float32Array
@@ -102,6 +104,16 @@ def fold_glossy(data: Float32Array, roughness: float, *, is_multiple: bool) -> t
         singles = data[GLOSSY_ALBEDO : GLOSSY_ALBEDO + _ALBEDOS**2].reshape(_ALBEDOS, _ALBEDOS)
         folded[_GLOSSY_SINGLE:] = np.maximum(value_between(singles, rough), np.float32(1e-6))
     return tuple(float(x) for x in folded)
+
+
+def alpha_of_glass(folded: Sequence[float]) -> float:
+    """Alpha of the facets that `fold_glass` was told of."""
+    return folded[_ALPHA]
+
+
+def alpha_of_glossy(folded: Sequence[float]) -> float:
+    """Alpha of the facets that `fold_glossy` was told of."""
+    return folded[_GLOSSY_ALPHA]
 
 
 @kernel

@@ -8,6 +8,8 @@ tables are. `fold_principled` computes that once a program, `run_plain_principle
 `principled.add_principled`, but for rounding.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.array_types import Float32Array
@@ -90,6 +92,11 @@ def fold_principled(
         singles = data[GLOSSY_ALBEDO : GLOSSY_ALBEDO + _ALBEDOS**2].reshape(_ALBEDOS, _ALBEDOS)
         folded[_SINGLE:] = np.maximum(value_between(singles, rough), real(1e-6))
     return tuple(float(x) for x in folded)
+
+
+def alpha_of_principled(folded: Sequence[float]) -> float:
+    """Alpha of the facets that `fold_principled` was told of."""
+    return folded[_ALPHA]
 
 
 @kernel(forceinline=True)

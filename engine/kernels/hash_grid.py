@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A grid without an end, whose cells share buckets by a hash.
+
+References: Teschner et al. 2003, "Optimized Spatial Hashing for Collision Detection of Deformable Objects".
+"""
+
+import math
+
+import numpy as np
+
+from engine.runtime.jit import kernel
+
+#: Cells further out than this share the outermost: far coordinates must stay integers.
+_FARTHEST = np.float32(1e9)
+
+
+@kernel
+def _index(x, inverse_cell):
+    return np.int64(math.floor(min(max(x * inverse_cell, -_FARTHEST), _FARTHEST)))
+
+
+@kernel
+def cell_of(p, inverse_cell):
+    """The cell of a point: three int64."""
+    return _index(p[0], inverse_cell), _index(p[1], inverse_cell), _index(p[2], inverse_cell)
+
+
+@kernel
+def bucket_of(x, y, z, mask):
+    """Bucket of a cell; `mask` is their number, a power of two, less 1."""
+    return (x * np.int64(73856093) ^ y * np.int64(19349663) ^ z * np.int64(83492791)) & mask
+
+
+@kernel
+def sort_into_buckets(positions, inverse_cell, mask, starts, order):
+    """Order points by bucket, those of a bucket as they came.
+
+    Parameters
+    ----------
+    positions : float32 (P, >= 3), the first three columns are coordinates [m]
+    inverse_cell : float32 [m^-1]
+    mask : int
+    starts : int32 (mask + 2,), zeros; filled with each bucket's first place in `order`
+    order : int32 (P,), filled with rows of `positions`
+    """
+    count = positions.shape[0]
+    for row in range(count):
+        x, y, z = cell_of((positions[row, 0], positions[row, 1], positions[row, 2]), inverse_cell)
+        starts[bucket_of(x, y, z, mask) + 1] += 1
+    for bucket in range(mask + 1):
+        starts[bucket + 1] += starts[bucket]
+    # Each bucket's start moves to its end, which is the next one's start.
+    for row in range(count - 1, -1, -1):
+        x, y, z = cell_of((positions[row, 0], positions[row, 1], positions[row, 2]), inverse_cell)
+        bucket = bucket_of(x, y, z, mask)
+        starts[bucket + 1] -= 1
+        order[starts[bucket + 1]] = row
+    # starts[b + 1] is now where bucket b begins.
+    for bucket in range(mask + 1):
+        starts[bucket] = starts[bucket + 1]
+    starts[mask + 1] = count

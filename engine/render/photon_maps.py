@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Maps of photons, one for each range of samples: made by the threads that need them, the same whoever makes them.
+
+Radii shrink with all photons that have been sent off so far, so that the mean of the maps' estimates converges: bias
+goes with the square of the radius, noise with one over photons within it.
+
+References: Knaus and Zwicker 2011, "Progressive Photon Mapping: A Probabilistic Approach", Eq. (20) with alpha = 2/3.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from engine.array_types import Float32Array
+from engine.kernels.hash_grid import sort_into_buckets
+from engine.state.photons import (
+    MAP_BUCKETS,
+    MAP_EMITTED,
+    MAP_EXPECTED,
+    MAP_HEADER_WIDTH,
+    MAP_INVERSE_CELL,
+    MAP_NUMBERS,
+    MAP_RADIUS,
+    MAP_SCALE,
+    PHOTON_P,
+    PHOTON_WIDTH,
+    PhotonMap,
+)
+
+#: Photons for each path that goes by their map, and least and most of a map.
+_PHOTONS_PER_PATH = 0.5
+_FEWEST, _MOST = 1 << 14, 1 << 19
+#: Photons that a thread sends off at a time.
+CHUNK = 4096
+#: Samples of a pixel that go by one map, at most.
+_MOST_SAMPLES = 16
+#: Photons within the first radius.
+_FIRST_NEIGHBOURS = 10
+#: Photons whose neighbours tell the first radius.
+_ASKED = 256
+#: Maps that are kept: tiles are not all at the same sample.
+_KEPT = 3
+#: Radius where too few photons arrive to tell, over the square root of the casters' area.
+_LARGE = 0.05
+
+#: Sends off photons: from the first, so many; what arrives is float32 (F, PHOTON_WIDTH), or None: it was stopped.
+SendOff = Callable[[int, int], Float32Array | None]
+
+
+def samples_of_map(number: int) -> tuple[int, int]:
+    """First sample of a map, and how many go by it."""
+    doublings = int(math.log2(_MOST_SAMPLES)) + 1
+    if number == 0:
+        return 0, 1
+    if number <= doublings:
+        return 1 << (number - 1), 1 << (number - 1)
+    return _MOST_SAMPLES * (number - doublings + 1), _MOST_SAMPLES
+
+
+def map_of_sample(sample: int) -> int:
+    """Which map a sample goes by."""
+    if sample < 2 * _MOST_SAMPLES:
+        return sample.bit_length()
+    return sample // _MOST_SAMPLES + int(math.log2(_MOST_SAMPLES))
+
+
+@dataclass
+class _Growing:
+    """A map in the making.
+
+    first, count : int, its photons; radius : float or None, to be found [m]
+    """
+
+    first: int
+    count: int
+    radius: float | None
+    next_chunk: int = 0
+    found: dict[int, Float32Array] = field(default_factory=dict)
+    made: PhotonMap | None = None
+
+    @property
+    def chunk_count(self) -> int:
+        """How many pieces it is made in."""
+        return -(-self.count // CHUNK)
+
+
+class PhotonMaps:
+    """The maps of a render.
+
+    Parameters
+    ----------
+    pixel_count : int
+    caster_area : float [m^2]
+    """
+
+    def __init__(self, pixel_count: int, caster_area: float) -> None:
+        self._pixel_count, self._caster_area = pixel_count, caster_area
+        self._maps: dict[int, _Growing] = {}
+        self._first_radius: float | None = None
+        self._changed = threading.Condition()
+
+    def map_of(self, sample: int, send_off: SendOff) -> PhotonMap | None:
+        """The map of a sample, made here and by the other threads that ask; None: it was stopped."""
+        if self._first_radius is None and self._made(0, send_off) is None:
+            return None
+        return self._made(map_of_sample(sample), send_off)
+
+    def _photons_of(self, number: int) -> int:
+        _, samples = samples_of_map(number)
+        return int(min(max(_PHOTONS_PER_PATH * self._pixel_count * samples, _FEWEST), _MOST))
+
+    def _begin(self, number: int) -> _Growing:
+        first = sum(self._photons_of(before) for before in range(number))
+        count, radius = self._photons_of(number), None
+        if number > 0:
+            assert self._first_radius is not None
+            # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
+            radius = self._first_radius * ((first + count) / self._photons_of(0)) ** (-1.0 / 6.0)
+        return _Growing(first, count, radius)
+
+    def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
+        with self._changed:
+            growing = self._maps.get(number)
+            if growing is None:
+                growing = self._maps[number] = self._begin(number)
+                for oldest in [one for one, it in self._maps.items() if it.made is not None][: -_KEPT]:
+                    del self._maps[oldest]
+        while growing.made is None:
+            with self._changed:
+                chunk = growing.next_chunk
+                if chunk == growing.chunk_count:
+                    # Others are at it; they may be stopped, and so may this thread.
+                    if not self._changed.wait(0.05) and send_off(0, 0) is None:
+                        return None
+                    continue
+                growing.next_chunk += 1
+            first = chunk * CHUNK
+            found = send_off(growing.first + first, min(CHUNK, growing.count - first))
+            if found is None:
+                return None
+            with self._changed:
+                growing.found[chunk] = found
+                if len(growing.found) == growing.chunk_count:
+                    growing.made = self._finish(growing)
+                    self._changed.notify_all()
+        return growing.made
+
+    def _finish(self, growing: _Growing) -> PhotonMap:
+        photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
+        growing.found.clear()
+        if growing.radius is None:
+            growing.radius = self._first_radius = _first_radius(photons, self._caster_area)
+        return make_map(photons, growing.count, growing.radius, self._caster_area)
+
+
+def _first_radius(photons: Float32Array, caster_area: float) -> float:
+    """Median distance of photons to the last of so many neighbours [m]."""
+    neighbours = min(_FIRST_NEIGHBOURS, len(photons) - 1)
+    places = photons[:, PHOTON_P : PHOTON_P + 3].astype(np.float64)
+    if neighbours < 1:
+        return _LARGE * math.sqrt(caster_area)
+    asked = places[:: max(len(places) // _ASKED, 1)]
+    distances = [
+        np.partition(((places - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked
+    ]
+    radius = math.sqrt(float(np.median(distances)))
+    return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
+
+
+def make_map(photons: Float32Array, emitted: int, radius: float, caster_area: float) -> PhotonMap:
+    """Photons sorted into a grid.
+
+    Parameters
+    ----------
+    photons : float32 (P, PHOTON_WIDTH), that have arrived
+    emitted : int, that have been sent off
+    radius : float [m]
+    caster_area : float [m^2]
+    """
+    buckets = 1 << max(len(photons) - 1, 1).bit_length()
+    numbers = np.zeros(MAP_NUMBERS, np.float32)
+    disc = math.pi * radius * radius
+    numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
+    numbers[MAP_SCALE], numbers[MAP_EXPECTED] = 1.0 / (emitted * disc), emitted * disc
+    header = np.zeros(MAP_HEADER_WIDTH, np.int64)
+    header[MAP_BUCKETS], header[MAP_EMITTED] = buckets, emitted
+    starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
+    sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
+    return PhotonMap(header, numbers, starts, np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH))

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Photons: light that has gone from a lamp over smooth surfaces to one that gathers it, and where it can begin."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.array_types import Float32Array, FloatArray, Int32Array, Int64Array, Uint8Array
+from engine.runtime.bundle import Bundle
+from engine.state.columns import RowLayout, allocate, column
+from engine.state.lights import LightArrays
+
+_photon = RowLayout()
+PHOTON_P = _photon.take(3)  # where it has arrived, world [m]
+PHOTON_WI = _photon.take(3)  # unit, towards where it has come from
+PHOTON_NG = _photon.take(3)  # geometric normal there, on that side
+PHOTON_POWER = _photon.take(3)  # [W], RGB
+#: Density with which photons begin as this one did: of places on casters times directions of light samples, over the
+#: cosine at the caster [m^-2 sr^-1].
+PHOTON_DENSITY = _photon.take()
+PHOTON_GROUP = _photon.take()  # light group, -1 = none
+PHOTON_DEPTH = _photon.take()  # scatterings on its way
+PHOTON_GLOSSY = _photon.take()  # those that reflected it
+#: A cache line of float32.
+PHOTON_WIDTH = _photon.width(16)
+
+# PhotonMap.header
+MAP_BUCKETS = 0  # a power of two
+MAP_EMITTED = 1  # photons that have begun
+MAP_HEADER_WIDTH = 2
+
+# PhotonMap.numbers
+MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
+MAP_INVERSE_CELL = 1  # of the grid [m^-1]
+#: 1 / (photons that have begun x area of the disc) [m^-2]
+MAP_SCALE = 2
+#: What makes of a light sample's density at a caster, over the cosine there, how many photons arrive in a disc.
+MAP_EXPECTED = 3
+MAP_NUMBERS = 4
+
+# Bits of CasterArrays.instances
+MAY_CAST = 1
+MAY_GATHER = 2
+
+
+class CasterArrays(Bundle):
+    """Triangles of smooth surfaces, T of them, by whose area photons begin.
+
+    instance, triangle : int32 (T,), rows of `GeometryArrays.instance_table` and `.triangles`
+    cumulative : float64 (T,), of their areas in the world, the last is 1
+    area : float32 (1,), of all [m^2]
+    instances : uint8 (I,), MAY_* bits: those that move neither cast nor gather
+    programs : uint8 (P,), not 0: surfaces of this program cast
+    lights : LightArrays, by the tree alone: nothing learned
+    """
+
+    instance: Int32Array
+    triangle: Int32Array
+    cumulative: FloatArray
+    area: Float32Array
+    instances: Uint8Array
+    programs: Uint8Array
+    lights: LightArrays
+
+
+class PhotonMap(Bundle):
+    """Photons sorted by the cells of a hashed grid, P of them in H buckets.
+
+    header : int64 (MAP_HEADER_WIDTH,); numbers : float32 (MAP_NUMBERS,)
+    starts : int32 (H + 1,), first photon of each bucket
+    photons : float32 (P, PHOTON_WIDTH)
+    """
+
+    header: Int64Array
+    numbers: Float32Array
+    starts: Int32Array
+    photons: Float32Array
+
+
+class PhotonLanes(Bundle):
+    """What lanes know of photons, L of them, and F photons that have been found."""
+
+    ratio: Float32Array = column(
+        "where the path gathered photons last: cosine to its geometric normal over the density of its BSDF [sr]", "L"
+    )
+    density: Float32Array = column("of the lane's photon, PHOTON_DENSITY", "L")
+    group: Int32Array = column("of its light", "L")
+    visibility: Int32Array = column("RAY_* bits of rays that see its light", "L")
+    found: Float32Array = column("photons that have arrived", "F", PHOTON_WIDTH)
+
+
+def allocate_photon_lanes(lane_count: int, photon_count: int) -> PhotonLanes:
+    """Zeroed `PhotonLanes`."""
+    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count})
+
+
+def no_casters(lights: LightArrays) -> CasterArrays:
+    """`CasterArrays` of scenes without photons."""
+    return CasterArrays(
+        instance=np.zeros(0, np.int32), triangle=np.zeros(0, np.int32), cumulative=np.zeros(0, np.float64),
+        area=np.zeros(1, np.float32), instances=np.zeros(0, np.uint8), programs=np.zeros(0, np.uint8), lights=lights,
+    )  # fmt: skip
+
+
+def no_photons() -> PhotonMap:
+    """A map without photons."""
+    header = np.zeros(MAP_HEADER_WIDTH, np.int64)
+    header[MAP_BUCKETS] = 1
+    return PhotonMap(
+        header=header, numbers=np.zeros(MAP_NUMBERS, np.float32), starts=np.zeros(2, np.int32),
+        photons=np.zeros((0, PHOTON_WIDTH), np.float32),
+    )  # fmt: skip

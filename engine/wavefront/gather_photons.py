@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Stages of paths where photons are: gather them at surfaces, and say which light photons find too.
+
+References: Jensen 1996: the radiance estimate; Georgiev et al. 2012, Eq. (7); Hachisuka, Ogaki and Jensen 2008,
+"Progressive Photon Mapping", and Knaus and Zwicker 2011: radii that shrink, so that the estimate converges
+(`engine.render.photon_maps`).
+"""
+
+import math
+
+import numpy as np
+
+from engine.kernels.bsdf import eval_bsdf
+from engine.kernels.bsdf.evaluate import EVERY_KIND
+from engine.kernels.caustics import LEAST_COSINE, casts, gathers, ratio_at, share_of_photons
+from engine.kernels.clamping import clamped_share, found_alone
+from engine.kernels.hash_grid import bucket_of, cell_of
+from engine.kernels.path import real_3
+from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
+from engine.kernels.radiance import add_radiance
+from engine.kernels.vector import dot, load
+from engine.runtime.jit import kernel
+from engine.state.lanes import (
+    POINT_NG,
+    POINT_P,
+    POINT_WO,
+    RAY_CAUSTIC,
+    RAY_GATHERED,
+    RAY_SINGULAR,
+    RAY_SUBSURFACE,
+    RAY_TRANSPARENT,
+)
+from engine.state.photons import (
+    MAP_BUCKETS,
+    MAP_INVERSE_CELL,
+    MAP_RADIUS,
+    MAP_SCALE,
+    PHOTON_DENSITY,
+    PHOTON_DEPTH,
+    PHOTON_GLOSSY,
+    PHOTON_GROUP,
+    PHOTON_NG,
+    PHOTON_P,
+    PHOTON_POWER,
+    PHOTON_WI,
+)
+
+#: Cosine between normals from which on a photon has arrived at the same surface.
+_SAME_SURFACE = np.float32(0.5)
+#: How far off the plane of a surface its photons are, over the radius.
+_FLATNESS = np.float32(0.3)
+
+
+@kernel
+def _is_of_path(options, paths, lane, photons, row):
+    """Whether limits let a path go on over as many surfaces as a photon has come by."""
+    depth = paths.depth[lane] + 1 + np.int64(photons[row, PHOTON_DEPTH])
+    glossy = np.int64(photons[row, PHOTON_GLOSSY])
+    passed = np.int64(photons[row, PHOTON_DEPTH]) - glossy
+    return (
+        depth <= options.max_depth
+        and paths.glossy_depth[lane] + glossy <= options.max_glossy_depth
+        and paths.transmission_depth[lane] + passed <= options.max_transmission_depth
+        and paths.diffuse_depth[lane] + 1 <= options.max_diffuse_depth
+    )
+
+
+@kernel
+def _add(options, paths, passes, lane, f_cos, group):
+    """Add row `lane` of `f_cos` to the path as light that comes over several surfaces."""
+    depth = np.int64(paths.depth[lane]) + 1
+    share = clamped_share(options, paths.channels, f_cos, lane, depth, found_alone(paths.unguided[lane]))
+    add_radiance(paths, passes, lane, f_cos, lane, depth, share, group)
+
+
+@kernel
+def _gather(scene, work, lane):
+    """Add what photons bring to a lane's surface."""
+    grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
+    photons, numbers = grid.photons, grid.numbers
+    f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
+    p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+    radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
+    squared = radius * radius
+    mask = grid.header[MAP_BUCKETS] - 1
+    # Cells are twice as wide as the disc: eight hold it.
+    x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
+    sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for corner in range(8):
+        x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
+        bucket = bucket_of(x, y, z, mask)
+        for row in range(grid.starts[bucket], grid.starts[bucket + 1]):
+            q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
+            dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+            if dx * dx + dy * dy + dz * dz > squared:
+                continue
+            if cell_of(q, inverse_cell) != (x, y, z):
+                # Another cell that shares the bucket.
+                continue
+            if abs(dx * ng[0] + dy * ng[1] + dz * ng[2]) > _FLATNESS * radius:
+                continue
+            normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
+            if not abs(dot(normal, ng)) > _SAME_SURFACE:
+                continue
+            if not _is_of_path(scene.options, paths, lane, photons, row):
+                continue
+            wi = (photons[row, PHOTON_WI], photons[row, PHOTON_WI + 1], photons[row, PHOTON_WI + 2])
+            pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
+            cosine = max(abs(dot(ng, wi)), LEAST_COSINE)
+            if not pdf > 0.0:
+                continue
+            share = share_of_photons(ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
+            factor = share * numbers[MAP_SCALE] / cosine
+            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * photons[row, PHOTON_POWER]
+            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
+            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
+            if splits:
+                f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
+                _add(scene.options, paths, work.passes, lane, f_cos, np.int64(photons[row, PHOTON_GROUP]))
+            else:
+                sum0 += value0
+                sum1 += value1
+                sum2 += value2
+    if not splits and sum0 + sum1 + sum2 > 0.0 and math.isfinite(sum0 + sum1 + sum2):
+        f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = sum0, sum1, sum2
+        _add(scene.options, paths, work.passes, lane, f_cos, -1)
+
+
+@kernel
+def gather_photons(scene, unit, work, queue):
+    """Add the light of photons at surfaces that gather them.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.surface`, shaded.
+    """
+    paths, points, closures = work.paths, work.points, work.closures
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_throughput(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
+        if paths.alive[lane] != 0 and gathers(scene, closures, lane, np.int64(paths.hit_instance[lane])):
+            _gather(scene, work, lane)
+
+
+@kernel
+def mark_caustics(scene, unit, work, queue):
+    """Say of paths that have just been scattered whether photons find the light that they may meet next.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.surface`, from which paths have gone on.
+    """
+    paths, points, closures, f_cos = work.paths, work.points, work.closures, work.f_cos
+    lanes, lane_count = queue.lanes, queue.count[0]
+    for k in range(lane_count):
+        lane = lanes[k]
+        ahead = lane_ahead(lanes, k, lane_count)
+        ask_for_ray(paths, ahead)
+        ask_for_point(points, ahead)
+        ask_for_closures(closures, ahead)
+        flags = paths.flags[lane]
+        if paths.alive[lane] == 0 or flags & RAY_TRANSPARENT:
+            continue
+        instance = np.int64(paths.hit_instance[lane])
+        if flags & RAY_SUBSURFACE:
+            flags &= ~(RAY_GATHERED | RAY_CAUSTIC)
+        elif flags & RAY_SINGULAR:
+            flags &= ~RAY_CAUSTIC
+            if flags & RAY_GATHERED and casts(scene, points, lane, instance):
+                flags |= RAY_CAUSTIC
+        else:
+            flags &= ~(RAY_GATHERED | RAY_CAUSTIC)
+            if gathers(scene, closures, lane, instance):
+                wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+                wi = load(paths.direction, lane)
+                pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
+                if pdf > 0.0:
+                    flags |= RAY_GATHERED
+                    work.photons.ratio[lane] = ratio_at(ng, wi, pdf)
+        paths.flags[lane] = flags
