@@ -20,8 +20,10 @@ from engine.state.lanes import (
     POINT_P,
     POINT_RADIUS,
     RAY_CAMERA,
+    RAY_CAUSTIC,
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
+    RAY_GATHERED,
     RAY_GLOSSY,
     RAY_MIS_FINDS_ALL,
     RAY_MIS_HAD_TRANSMISSION,
@@ -54,10 +56,11 @@ _RESET = ~(
     | RAY_STARTS_ON
     | RAY_SUBSURFACE
     | RAY_TREE_MASK
+    | RAY_CAUSTIC
 )
 
 #: What a path below a surface is no more: a ray of the camera, or the same ray behind something transparent.
-_SEEN = RAY_CAMERA | RAY_TRANSPARENT | RAY_TRANSPARENT_BACKGROUND
+_SEEN = RAY_CAMERA | RAY_TRANSPARENT | RAY_TRANSPARENT_BACKGROUND | RAY_CAUSTIC | RAY_GATHERED
 
 
 @kernel
@@ -192,7 +195,7 @@ def leave_collision(options, lights, paths, points, media, lane, wi, pdf, phase_
     unguided_pdf = -1.0 if media.is_lit[lane] != 0 else phase_pdf * media.collision_share[lane]
     _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf, unguided_pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], phase_pdf)
-    flags = (paths.flags[lane] & _RESET) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
+    flags = (paths.flags[lane] & _RESET & ~RAY_GATHERED) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
     flags |= tree_flags(lights, first_medium(media, lane))
     if count_collision(options, paths, media, lane):
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT

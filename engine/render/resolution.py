@@ -119,8 +119,8 @@ def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
         return "are not asked for: caustics are off"
     if settings.spectral == "ON":
         return "know no wavelengths"
-    if scene.media.is_used:
-        return "know no media"
+    if scene.media.varies:
+        return "know no media that vary"
     if scene.has_catchers:
         return "know no shadow catchers"
     if scene.description.fast_gi.bounces > 0:

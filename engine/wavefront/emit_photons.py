@@ -19,7 +19,7 @@ from engine.kernels.caustics import LEAST_COSINE
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import reset_depths
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, pixel_hash, sample_4d
-from engine.kernels.surface import prepare_point, surface_point
+from engine.kernels.surface import offset_origin, prepare_point, surface_point
 from engine.kernels.vector import dot, load, negate, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -73,7 +73,7 @@ def _begin_lane(paths, passes, lane, time, sample, rng, power):
         paths.throughput[lane, c] = power
         paths.radiance[lane, c] = 0.0
     paths.unguided[lane] = 1.0
-    paths.survival[lane] = -1.0
+    paths.survival[lane] = 1.0
     paths.unguided_survival[lane] = 1.0
     paths.mis_pdf[lane] = 0.0
     paths.unguided_pdf[lane] = -1.0
@@ -96,7 +96,7 @@ def place_photons(scene, unit, work, queue):
     Parameters
     ----------
     queue : LaneQueue
-        `work.surface`, filled with as many of the unit's next photons as there are lanes.
+        `work.active`, filled with as many of the unit's next photons as there are lanes, and `work.surface` too.
     """
     casters, geometry, header = scene.casters, scene.geometry, unit.header
     paths, points, closures = work.paths, work.points, work.closures
@@ -119,8 +119,10 @@ def place_photons(scene, unit, work, queue):
             ng = negate(ng)
         _begin_lane(paths, work.passes, lane, time, sample, rng, power)
         # Seen from the side that asks.
-        paths.offset[lane] = prepare_point(geometry, points, lane, instance, triangle, u, v, negate(ng), time)
-        store(paths.origin, lane, p)
+        error = prepare_point(geometry, points, lane, instance, triangle, u, v, negate(ng), time)
+        paths.offset[lane] = error
+        # For who asks what media are there.
+        store(paths.origin, lane, offset_origin(p, ng, ng, error))
         store(paths.direction, lane, negate(ng))
         paths.hit_distance[lane] = paths.reach[lane] = 0.0
         paths.hit_u[lane] = u
@@ -138,8 +140,8 @@ def place_photons(scene, unit, work, queue):
         work.samples.weight[lane] = 1.0
         # Scattering finds nothing here: light samples count whole.
         work.samples.bsdf_share[lane] = 0.0
-        queue.lanes[lane] = lane
-    queue.count[0] = placed
+        queue.lanes[lane] = work.surface.lanes[lane] = lane
+    queue.count[0] = work.surface.count[0] = placed
     work.counts[NEXT_PATH] = first + placed
 
 
@@ -150,7 +152,7 @@ def launch_photons(scene, unit, work, queue):
     Parameters
     ----------
     queue : LaneQueue
-        `work.surface`; `work.traced` is filled with the lanes of those that have light.
+        `work.active`; `work.traced` is filled with the lanes of those that have light.
     """
     paths, points, samples, photons = work.paths, work.points, work.samples, work.photons
     splits_light = unit.header[UNIT_SPLITS_LIGHT] != 0 and work.passes.parts.shape[0] > 0
@@ -189,3 +191,26 @@ def launch_photons(scene, unit, work, queue):
         traced[traced_count] = lane
         traced_count += 1
     work.traced.count[0] = traced_count
+
+
+@kernel
+def follow_photons(scene, unit, work, queue):
+    """Find the photons that have not ended.
+
+    Parameters
+    ----------
+    queue : LaneQueue
+        `work.active`; `work.traced` is filled with the lanes whose rays are to be traced.
+    """
+    paths = work.paths
+    lanes, lane_count = queue.lanes, queue.count[0]
+    traced, traced_count = work.traced.lanes, 0
+    for k in range(lane_count):
+        lane = lanes[k]
+        if paths.alive[lane] == 0 or paths.hit_instance[lane] < 0:
+            continue
+        paths.survival[lane] = 1.0
+        traced[traced_count] = lane
+        traced_count += 1
+    work.traced.count[0] = traced_count
+    work.surface.count[0] = 0

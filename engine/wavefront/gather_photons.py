@@ -170,13 +170,13 @@ def mark_caustics(scene, unit, work, queue):
             continue
         instance = np.int64(paths.hit_instance[lane])
         if flags & RAY_SUBSURFACE:
-            flags &= ~(RAY_GATHERED | RAY_CAUSTIC)
-        elif flags & RAY_SINGULAR:
-            flags &= ~RAY_CAUSTIC
+            # It has gone in below the surface, and gathers where it comes out.
+            continue
+        if flags & RAY_SINGULAR:
             if flags & RAY_GATHERED and casts(scene, points, lane, instance):
                 flags |= RAY_CAUSTIC
         else:
-            flags &= ~(RAY_GATHERED | RAY_CAUSTIC)
+            flags &= ~RAY_GATHERED
             if gathers(scene, closures, lane, instance):
                 wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
                 wi = load(paths.direction, lane)

@@ -14,9 +14,8 @@ from engine.kernels.bsdf.kinds import SUBSURFACE
 from engine.kernels.caustics import LEAST_COSINE, may_gather
 from engine.kernels.path import pass_through, real_3, scatter_path
 from engine.kernels.rng import SET_BSDF, SETS_PER_VERTEX, sample_4d
-from engine.kernels.vector import add, dot, normalize, scale, store
+from engine.kernels.vector import add, dot, normalize, scale
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS
 from engine.state.lanes import (
     POINT_NG,
     POINT_P,
@@ -98,15 +97,15 @@ def keep_photons(scene, unit, work, queue):
     Parameters
     ----------
     queue : LaneQueue
-        `work.surface`, shaded; `work.traced` is filled with lanes that go on.
+        `work.surface`, shaded.
     """
-    options, geometry = scene.options, scene.geometry
-    paths, points, closures, f_cos = work.paths, work.points, work.closures, work.f_cos
+    options, paths, points, closures, f_cos = scene.options, work.paths, work.points, work.closures, work.f_cos
     most, kept = work.photons.found.shape[0], work.counts[PHOTONS]
     lanes, lane_count = queue.lanes, queue.count[0]
-    traced, traced_count = work.traced.lanes, 0
     for k in range(lane_count):
         lane = lanes[k]
+        # It ends unless all goes well.
+        paths.alive[lane] = 0
         flags, depth = paths.flags[lane], paths.depth[lane]
         instance = np.int64(paths.hit_instance[lane])
         if depth > 0 and kept < most and _is_kept(scene, closures, lane, instance):
@@ -153,7 +152,5 @@ def keep_photons(scene, unit, work, queue):
             pass_through(options, paths, points, lane)
         else:
             scatter_path(options, scene.lights, paths, points, closures, lane, wi, label, pdf, pdf)
-        traced[traced_count] = lane
-        traced_count += 1
-    work.traced.count[0] = traced_count
+        paths.alive[lane] = 1
     work.counts[PHOTONS] = kept

@@ -53,7 +53,7 @@ from engine.wavefront.columns import (
 )
 from engine.wavefront.cross_below import cross_below
 from engine.wavefront.draw_candidates import draw_candidates
-from engine.wavefront.emit_photons import launch_photons, place_photons
+from engine.wavefront.emit_photons import follow_photons, launch_photons, place_photons
 from engine.wavefront.end_in_cache import end_in_cache, follow_collisions, follow_footprints
 from engine.wavefront.enter_portals import enter_portals
 from engine.wavefront.evaluate_shaders import evaluate_shaders
@@ -340,6 +340,7 @@ _STAGES = (
     # Of `trace_photons`.
     Stage(place_photons, "", _PHOTONS),
     Stage(launch_photons, "", _PHOTONS),
+    Stage(follow_photons, "", _PHOTONS),
     Stage(keep_photons, "", _PHOTONS),
 )
 

@@ -497,16 +497,26 @@ def trace_photons(stages, scene, unit, guidance, work, stop):
     int
         1 if all have ended.
     """
+    has_media = scene.header[SCENE_HAS_MEDIA] != 0
     while stop[0] == 0:
-        stages.place_photons(scene, unit, work, work.surface)
-        if work.surface.count[0] == 0:
+        stages.place_photons(scene, unit, work, work.active)
+        if work.active.count[0] == 0:
             return 1
+        if has_media:
+            stages.start_media(scene, unit, work, work.active)
         _sample_lights(stages, scene, unit, guidance, work)
-        stages.launch_photons(scene, unit, work, work.surface)
+        stages.launch_photons(scene, unit, work, work.active)
         while work.traced.count[0] > 0:
             _prepare_surfaces(stages, scene, unit, work)
             _evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
             stages.keep_photons(scene, unit, work, work.surface)
+            if has_media:
+                stages.cross_boundaries(scene, unit, work, work.surface)
+            stages.follow_photons(scene, unit, work, work.active)
             if work.traced.count[0] > 0:
                 stages.intersect_closest(scene, unit, work, work.traced)
+                if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
+                    stages.find_gaps(scene, unit, work, work.traced)
+                if has_media:
+                    stages.sample_medium(scene, unit, work, work.traced)
     return 0
