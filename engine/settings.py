@@ -206,6 +206,7 @@ class RenderSettings:
                 "PHOTONS", "Photons",
                 "By photons from the lamps too. Caustics are smooth, a little blurred at first, and become sharp",
             ),
+            Choice("AUTO", "Automatic", "By photons where a trial finds that they pay, else by paths"),
         ),
     )
     spectral: str = _declare(
@@ -519,7 +520,7 @@ class RenderSettings:
     @property
     def traces_photons(self) -> bool:
         """Whether photons find caustics, in scenes that may have some (`engine.render.resolution`)."""
-        return self.caustics == "PHOTONS"
+        return self.caustics != "PATHS"
 
     @property
     def channel_count(self) -> int:

@@ -63,8 +63,10 @@ def ratio_at(ng, wi, pdf):
 
 
 @kernel
-def share_of_photons(ratio, density, numbers):
-    """Share of light that photons count; paths count the rest.
+def expected_photons(ratio, density, numbers):
+    """Photons that gathering finds on average for each time that paths would find the same light.
+
+    What photons count of it is their share of all: n / (1 + n).
 
     Parameters
     ----------
@@ -73,8 +75,7 @@ def share_of_photons(ratio, density, numbers):
     density : float32 [m^-2 sr^-1], PHOTON_DENSITY
     numbers : float32 (MAP_NUMBERS,), of the map
     """
-    expected = ratio * density * numbers[MAP_EXPECTED]
-    return expected / (np.float32(1.0) + expected)
+    return ratio * density * numbers[MAP_EXPECTED]
 
 
 @kernel
@@ -103,4 +104,5 @@ def share_of_path(scene, work, lane, pdf, cosine):
     if not pdf > 0.0:
         return np.float32(1.0)
     density = pdf / (np.float32(2.0) * scene.casters.area[0] * cosine)
-    return np.float32(1.0) - share_of_photons(work.photons.ratio[lane], density, scene.photons.numbers)
+    expected = expected_photons(work.photons.ratio[lane], density, scene.photons.numbers)
+    return np.float32(1.0) / (np.float32(1.0) + expected)

@@ -44,7 +44,7 @@ from engine.state.lanes import (
 )
 from engine.state.media import allocate_media_lanes
 from engine.state.passed_hits import allocate_passed_hits
-from engine.state.photons import allocate_photon_lanes
+from engine.state.photons import PhotonLanes, allocate_photon_lanes
 from engine.state.shaders import RayOps, ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import BRIDGE, Unit, UnitCosts
@@ -206,6 +206,13 @@ class _Counted:
         )
 
 
+def _photon_lanes(lane_count: int, pixel_count: int, settings: RenderSettings) -> PhotonLanes:
+    """Memory for photons, next to none where there are none."""
+    if not settings.traces_photons:
+        return allocate_photon_lanes(1, 1, 1)
+    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count)
+
+
 class Batch:
     """One thread's memory: everything a unit needs, allocated once for many renders.
 
@@ -270,7 +277,7 @@ class Batch:
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             walks=allocate_walk_lanes(lanes, channel_count),
-            photons=allocate_photon_lanes(lanes, PHOTON_ROWS) if settings.traces_photons else allocate_photon_lanes(1, 1),
+            photons=_photon_lanes(lanes, pixel_count, settings),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

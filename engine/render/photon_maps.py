@@ -30,6 +30,7 @@ from engine.state.photons import (
     PHOTON_P,
     PHOTON_WIDTH,
     PhotonMap,
+    no_photons,
 )
 
 #: Photons for each path that goes by their map, and least and most of a map.
@@ -50,6 +51,10 @@ _LARGE = 0.05
 
 #: Sends off photons: from the first, so many; what arrives is float32 (F, PHOTON_WIDTH), or None: it was stopped.
 SendOff = Callable[[int, int], Float32Array | None]
+#: What photons gain by a map, 0: they do not pay; None: it was stopped.
+TryOut = Callable[[PhotonMap], float | None]
+
+_NO_PHOTONS = no_photons()
 
 
 def samples_of_map(number: int) -> tuple[int, int]:
@@ -96,18 +101,38 @@ class PhotonMaps:
     ----------
     pixel_count : int
     caster_area : float [m^2]
+    is_tried : bool
+        Whether a trial decides if there are any.
     """
 
-    def __init__(self, pixel_count: int, caster_area: float) -> None:
-        self._pixel_count, self._caster_area = pixel_count, caster_area
+    def __init__(self, pixel_count: int, caster_area: float, *, is_tried: bool) -> None:
+        self._pixel_count, self._caster_area, self._is_tried = pixel_count, caster_area, is_tried
+        #: By how much paths alone would be noisier, 0 where photons are given up; None: it is not known.
+        self.gain: float | None = None
+        self._trial = threading.Lock()
         self._maps: dict[int, _Growing] = {}
         self._first_radius: float | None = None
         self._changed = threading.Condition()
 
-    def map_of(self, sample: int, send_off: SendOff) -> PhotonMap | None:
-        """The map of a sample, made here and by the other threads that ask; None: it was stopped."""
+    def map_of(self, sample: int, send_off: SendOff, try_out: TryOut) -> PhotonMap | None:
+        """The map of a sample, made here and by the other threads that ask; None: it was stopped.
+
+        Where a trial says that photons do not pay, it is one without any.
+        """
+        if self.gain == 0.0:
+            return _NO_PHOTONS
         if self._first_radius is None and self._made(0, send_off) is None:
             return None
+        if self._is_tried and self.gain is None:
+            first = self._made(0, send_off)
+            with self._trial:
+                if self.gain is None and first is not None:
+                    self.gain = try_out(first)
+            if self.gain is None:
+                return None
+            if self.gain == 0.0:
+                self._maps.clear()
+                return _NO_PHOTONS
         return self._made(map_of_sample(sample), send_off)
 
     def _photons_of(self, number: int) -> int:

@@ -23,6 +23,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
 from engine.render.photon_maps import PhotonMaps
+from engine.render.photon_trial import photons_pay
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
 from engine.render.unit_header import unit_header
@@ -35,7 +36,7 @@ from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
-from engine.state.photons import PhotonMap, no_photons
+from engine.state.photons import MAP_IS_TRIED, PhotonMap, no_photons
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
@@ -69,6 +70,8 @@ from engine.wavefront.work import NoModel, RadianceView, SceneView, UnitView
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
 _IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
 _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_counter
+#: Makes of a render's seed that of a trial.
+_TRIAL_SEED = 0x2545F491
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
@@ -104,7 +107,8 @@ def _photon_maps(scene: Scene, settings: RenderSettings) -> PhotonMaps | None:
     if not settings.traces_photons:
         return None
     x0, y0, x1, y1 = scene.description.frame.region
-    return PhotonMaps((x1 - x0) * (y1 - y0), float(scene.casters.area[0]))
+    is_tried = settings.caustics == "AUTO"
+    return PhotonMaps((x1 - x0) * (y1 - y0), float(scene.casters.area[0]), is_tried=is_tried)
 
 
 def _of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -143,7 +147,7 @@ class Tracer:
     def take(self, scene: Scene, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT) -> None:
         """Be ready to trace this scene with these settings; what was learned is forgotten."""
         channel_count = settings.channel_count
-        self.seed = settings.seed
+        self.seed, self._region = settings.seed, scene.description.frame.region
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.layout = layout
         self._traces = scene.traces
@@ -393,7 +397,8 @@ class Tracer:
         photons = None
         if self._photon_maps is not None:
             photons = self._photon_maps.map_of(
-                unit.sample_first, lambda first, count: self._send_off_photons(batch, first, count, stop)
+                unit.sample_first, lambda first, count: self._send_off_photons(batch, first, count, stop),
+                lambda first_map: self._try_photons(batch, first_map, stop),
             )
             if photons is None:
                 return False
@@ -439,6 +444,31 @@ class Tracer:
             return None
         found: np.ndarray = work.photons.found[: work.counts[PHOTONS]].copy()
         return found
+
+    def _try_photons(self, batch: Batch, first_map: PhotonMap, stop: np.ndarray) -> float | None:
+        """What photons gain, by pixels that a thread traces in its memory; None: it was stopped."""
+        header = first_map.header.copy()
+        header[MAP_IS_TRIED] = 1
+        tried, rows = first_map._replace(header=header), batch.work.photons.moment.shape[0]
+
+        def trace(pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray] | None:
+            values, moments = [], []
+            for first in range(0, len(pixels), rows):
+                part = pixels[first : first + rows]
+                batch.begin()
+                batch.work.photons.moment[:] = 0.0
+                unit = Unit(part, np.zeros(len(part), np.int64), sample, 1, arm=PLAIN)
+                arguments = self._arguments(self.stages, batch, unit, stop, tried)
+                # Others than the picture's: what decides on it must not be part of it.
+                arguments[2].header[UNIT_SEED] ^= _TRIAL_SEED
+                arguments[2].header[_OF_NO_FOLLOWER] = 0
+                if not (self._compiled_loop or self._python_loop)(*arguments):
+                    return None
+                values.append(batch.film.radiance[: len(part)].copy())
+                moments.append(batch.work.photons.moment[: len(part)].copy())
+            return np.concatenate(values), np.concatenate(moments)
+
+        return photons_pay(self._region, self.seed, trace)
 
     def _arguments(
         self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray, photons: PhotonMap | None = None

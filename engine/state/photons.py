@@ -27,7 +27,8 @@ PHOTON_WIDTH = _photon.width(16)
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_EMITTED = 1  # photons that have begun
-MAP_HEADER_WIDTH = 2
+MAP_IS_TRIED = 2  # `PhotonLanes.moment` is asked for
+MAP_HEADER_WIDTH = 3
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
@@ -78,7 +79,7 @@ class PhotonMap(Bundle):
 
 
 class PhotonLanes(Bundle):
-    """What lanes know of photons, L of them, and F photons that have been found."""
+    """What lanes know of photons, L of them; F photons that have been found; M pixels of a trial."""
 
     ratio: Float32Array = column(
         "where the path gathered photons last: cosine to its geometric normal over the density of its BSDF [sr]", "L"
@@ -86,12 +87,16 @@ class PhotonLanes(Bundle):
     density: Float32Array = column("of the lane's photon, PHOTON_DENSITY", "L")
     group: Int32Array = column("of its light", "L")
     visibility: Int32Array = column("RAY_* bits of rays that see its light", "L")
+    moment: Float32Array = column(
+        "second moment of what paths alone would have found of what was gathered, mean over channels, by row of the film",
+        "M",
+    )
     found: Float32Array = column("photons that have arrived", "F", PHOTON_WIDTH)
 
 
-def allocate_photon_lanes(lane_count: int, photon_count: int) -> PhotonLanes:
+def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int) -> PhotonLanes:
     """Zeroed `PhotonLanes`."""
-    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count})
+    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count, "M": pixel_count})
 
 
 def no_casters(lights: LightArrays) -> CasterArrays:

@@ -12,7 +12,7 @@ import numpy as np
 
 from engine.kernels.bsdf import eval_bsdf
 from engine.kernels.bsdf.evaluate import EVERY_KIND
-from engine.kernels.caustics import LEAST_COSINE, casts, gathers, ratio_at, share_of_photons
+from engine.kernels.caustics import LEAST_COSINE, casts, expected_photons, gathers, ratio_at
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
@@ -33,6 +33,7 @@ from engine.state.lanes import (
 from engine.state.photons import (
     MAP_BUCKETS,
     MAP_INVERSE_CELL,
+    MAP_IS_TRIED,
     MAP_RADIUS,
     MAP_SCALE,
     PHOTON_DENSITY,
@@ -81,7 +82,7 @@ def _gather(scene, work, lane):
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
     p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
     radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
-    squared = radius * radius
+    squared, is_tried = radius * radius, grid.header[MAP_IS_TRIED] != 0
     mask = grid.header[MAP_BUCKETS] - 1
     # Cells are twice as wide as the disc: eight hold it.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
@@ -109,11 +110,17 @@ def _gather(scene, work, lane):
             cosine = max(abs(dot(ng, wi)), LEAST_COSINE)
             if not pdf > 0.0:
                 continue
-            share = share_of_photons(ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
-            factor = share * numbers[MAP_SCALE] / cosine
+            expected = expected_photons(ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
+            alone = numbers[MAP_SCALE] / cosine
+            factor = alone * expected / (np.float32(1.0) + expected)
             value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * photons[row, PHOTON_POWER]
             value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
             value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
+            if is_tried:
+                by_paths = expected * (alone / factor) * (alone / factor) * np.float32(1.0 / 3.0)
+                work.photons.moment[paths.pixel[lane]] += by_paths * (
+                    value0 * value0 + value1 * value1 + value2 * value2
+                )
             if splits:
                 f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
                 _add(scene.options, paths, work.passes, lane, f_cos, np.int64(photons[row, PHOTON_GROUP]))
