@@ -34,14 +34,14 @@ from engine.state.photons import (
 )
 
 #: Photons for each path that goes by their map, and least and most of a map.
-_PHOTONS_PER_PATH = 0.5
-_FEWEST, _MOST = 1 << 14, 1 << 19
+_PHOTONS_PER_PATH = 0.125
+_FEWEST, _MOST = 1 << 12, 1 << 19
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
 #: Samples of a pixel that go by one map, at most.
 _MOST_SAMPLES = 16
 #: Photons within the first radius.
-_FIRST_NEIGHBOURS = 10
+_FIRST_NEIGHBOURS = 4
 #: Photons whose neighbours tell the first radius.
 _ASKED = 256
 #: Maps that are kept: tiles are not all at the same sample.

@@ -16,14 +16,17 @@ from engine.array_types import Float32Array, Int32Array
 #: Pixels that are tried, two samples each.
 TRIED_PIXELS = 2048
 #: Photons take this much of the time of paths, and more where they are gathered; they must save more than that.
-_LEAST_GAIN = 1.35
+_LEAST_GAIN = 1.15
 #: Share of pixels that are left out, those with the most noise: single ones tell nothing of the others.
 _TRIMMED = 0.01
 #: Errors count relative to a pixel's value, and to this share of the mean.
 _DIM = 0.25
+#: Light that paths find so seldom that a picture of this many samples has none of it is missing, which is an error of
+#: its square: noise that a few fireflies would make counts no more than that.
+_SAMPLES = 256
 
-#: Traces so many of the pixels, for which of the two samples: the samples' values float32 (P, 3) and second moments of
-#: what paths alone would have found (P,); None: it was stopped.
+#: Traces the pixels, for which of the two samples: the samples' values float32 (P, 3), and `PhotonLanes.tried` (P, 2);
+#: None: it was stopped.
 TracePixels = Callable[[Int32Array, int], tuple[Float32Array, Float32Array] | None]
 
 
@@ -35,15 +38,15 @@ def tried_pixels(region: tuple[int, int, int, int], seed: int) -> Int32Array:
     return np.stack([x0 + chosen % (x1 - x0), y0 + chosen // (x1 - x0)], axis=1).astype(np.int32)
 
 
-def gain_of_photons(first: Float32Array, second: Float32Array, moments: Float32Array) -> float:
+def gain_of_photons(first: Float32Array, second: Float32Array, gathered: Float32Array) -> float:
     """By how much paths alone would be noisier than paths with photons.
 
     Parameters
     ----------
     first, second : float32 (P, 3)
         Two samples of each pixel, with photons.
-    moments : float32 (P,)
-        Second moment of what paths alone would find of what was gathered, mean of both samples.
+    gathered : float32 (P, 2)
+        `PhotonLanes.tried`, mean of both samples.
     """
     noise = 0.5 * ((first.astype(np.float64) - second) ** 2).mean(axis=1)
     value = 0.5 * (first + second).mean(axis=1).astype(np.float64)
@@ -52,7 +55,8 @@ def gain_of_photons(first: Float32Array, second: Float32Array, moments: Float32A
         return 1.0
     kept = max(int(len(noise) * (1.0 - _TRIMMED)), 1)
     with_photons = np.sort(noise / scale)[:kept].sum()
-    added = np.sort(moments.astype(np.float64) / scale)[:kept].sum()
+    light, moment = gathered.astype(np.float64).T
+    added = np.sort(np.minimum(moment, _SAMPLES * light**2) / scale)[:kept].sum()
     return float((with_photons + added) / with_photons) if with_photons > 0.0 else 1.0
 
 
@@ -62,6 +66,6 @@ def photons_pay(region: tuple[int, int, int, int], seed: int, trace: TracePixels
     samples = [trace(pixels, sample) for sample in range(2)]
     if samples[0] is None or samples[1] is None:
         return None
-    (first, moment), (second, other) = samples[0], samples[1]
-    gain = gain_of_photons(first, second, 0.5 * (moment + other))
+    (first, gathered), (second, other) = samples[0], samples[1]
+    gain = gain_of_photons(first, second, 0.5 * (gathered + other))
     return gain if gain >= _LEAST_GAIN else 0.0

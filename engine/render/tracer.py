@@ -449,14 +449,14 @@ class Tracer:
         """What photons gain, by pixels that a thread traces in its memory; None: it was stopped."""
         header = first_map.header.copy()
         header[MAP_IS_TRIED] = 1
-        tried, rows = first_map._replace(header=header), batch.work.photons.moment.shape[0]
+        tried, rows = first_map._replace(header=header), batch.work.photons.tried.shape[0]
 
         def trace(pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray] | None:
-            values, moments = [], []
+            values, gathered = [], []
             for first in range(0, len(pixels), rows):
                 part = pixels[first : first + rows]
                 batch.begin()
-                batch.work.photons.moment[:] = 0.0
+                batch.work.photons.tried[:] = 0.0
                 unit = Unit(part, np.zeros(len(part), np.int64), sample, 1, arm=PLAIN)
                 arguments = self._arguments(self.stages, batch, unit, stop, tried)
                 # Others than the picture's: what decides on it must not be part of it.
@@ -465,8 +465,8 @@ class Tracer:
                 if not (self._compiled_loop or self._python_loop)(*arguments):
                     return None
                 values.append(batch.film.radiance[: len(part)].copy())
-                moments.append(batch.work.photons.moment[: len(part)].copy())
-            return np.concatenate(values), np.concatenate(moments)
+                gathered.append(batch.work.photons.tried[: len(part)].copy())
+            return np.concatenate(values), np.concatenate(gathered)
 
         return photons_pay(self._region, self.seed, trace)
 

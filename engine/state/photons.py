@@ -27,7 +27,7 @@ PHOTON_WIDTH = _photon.width(16)
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_EMITTED = 1  # photons that have begun
-MAP_IS_TRIED = 2  # `PhotonLanes.moment` is asked for
+MAP_IS_TRIED = 2  # `PhotonLanes.tried` is asked for
 MAP_HEADER_WIDTH = 3
 
 # PhotonMap.numbers
@@ -87,9 +87,9 @@ class PhotonLanes(Bundle):
     density: Float32Array = column("of the lane's photon, PHOTON_DENSITY", "L")
     group: Int32Array = column("of its light", "L")
     visibility: Int32Array = column("RAY_* bits of rays that see its light", "L")
-    moment: Float32Array = column(
-        "second moment of what paths alone would have found of what was gathered, mean over channels, by row of the film",
-        "M",
+    tried: Float32Array = column(
+        "of a trial's pixels, by row of the film: what was gathered, and the second moment of what paths alone would have "
+        "found of it, mean over channels", "M", 2,
     )
     found: Float32Array = column("photons that have arrived", "F", PHOTON_WIDTH)
 

@@ -117,8 +117,9 @@ def _gather(scene, work, lane):
             value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
             value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
             if is_tried:
-                by_paths = expected * (alone / factor) * (alone / factor) * np.float32(1.0 / 3.0)
-                work.photons.moment[paths.pixel[lane]] += by_paths * (
+                whole, tried, pixel = alone / factor * np.float32(1.0 / 3.0), work.photons.tried, paths.pixel[lane]
+                tried[pixel, 0] += whole * (value0 + value1 + value2)
+                tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (
                     value0 * value0 + value1 * value1 + value2 * value2
                 )
             if splits:
