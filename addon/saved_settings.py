@@ -20,7 +20,7 @@ from .app_handlers import add_handlers, remove_handlers
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, setting_owner
 
 #: Settings whose default is another now, and what it was. Files say them wherever they have settings of ours.
-_SAID = {"use_cycles_settings": False, "radiance_cache": "OFF"}
+_SAID = {"use_cycles_settings": False, "radiance_cache": "OFF", "caustics": "PATHS"}
 #: Defaults of scenes from before they could follow Cycles, which are others now.
 _FORMER_DEFAULTS = {"samples": 128, "clamp_indirect": 0.0, "use_denoising": False, "use_adaptive_sampling": False}
 

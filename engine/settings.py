@@ -200,13 +200,16 @@ class RenderSettings:
     caustics: str = _declare(
         "PATHS", "Caustics",
         "How light is found that lamps send through glass and over mirrors onto other surfaces", "Sampling",
-        choices=(
+        scene_default="AUTO", choices=(
             Choice("PATHS", "Paths", "By paths from the camera, which seldom meet a small lamp that way"),
             Choice(
                 "PHOTONS", "Photons",
-                "By photons from the lamps too. Caustics are smooth, a little blurred at first, and become sharp",
+                "By photons from the lamps too: caustics are blurred a little at first, and get sharp. Filter Glossy "
+                "leaves smooth surfaces as they are",
             ),
-            Choice("AUTO", "Automatic", "By photons where a trial finds that they pay, else by paths"),
+            Choice(
+                "AUTO", "Automatic", "By photons where a trial finds that they pay and Filter Glossy is 0, else by paths"
+            ),
         ),
     )
     spectral: str = _declare(

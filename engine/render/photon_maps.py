@@ -42,6 +42,8 @@ CHUNK = 4096
 _MOST_SAMPLES = 16
 #: Photons within the first radius.
 _FIRST_NEIGHBOURS = 4
+#: The first radius is at most this many times a pixel's: where few photons arrive, paths find what they lack.
+_MOST_PIXELS = 6.0
 #: Photons whose neighbours tell the first radius.
 _ASKED = 256
 #: Maps that are kept: tiles are not all at the same sample.
@@ -51,6 +53,8 @@ _LARGE = 0.05
 
 #: Sends off photons: from the first, so many; what arrives is float32 (F, PHOTON_WIDTH), or None: it was stopped.
 SendOff = Callable[[int, int], Float32Array | None]
+#: Radius of a pixel where it gathers photons [m], 0: nowhere; None: it was stopped.
+Look = Callable[[], float | None]
 #: What photons gain by a map, 0: they do not pay; None: it was stopped.
 TryOut = Callable[[PhotonMap], float | None]
 
@@ -112,15 +116,21 @@ class PhotonMaps:
         self._trial = threading.Lock()
         self._maps: dict[int, _Growing] = {}
         self._first_radius: float | None = None
+        self._pixel_radius: float | None = None
         self._changed = threading.Condition()
 
-    def map_of(self, sample: int, send_off: SendOff, try_out: TryOut) -> PhotonMap | None:
+    def map_of(self, sample: int, send_off: SendOff, look: Look, try_out: TryOut) -> PhotonMap | None:
         """The map of a sample, made here and by the other threads that ask; None: it was stopped.
 
         Where a trial says that photons do not pay, it is one without any.
         """
         if self.gain == 0.0:
             return _NO_PHOTONS
+        with self._trial:
+            if self._pixel_radius is None:
+                self._pixel_radius = look()
+        if self._pixel_radius is None:
+            return None
         if self._first_radius is None and self._made(0, send_off) is None:
             return None
         if self._is_tried and self.gain is None:
@@ -179,7 +189,10 @@ class PhotonMaps:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
         if growing.radius is None:
-            growing.radius = self._first_radius = _first_radius(photons, self._caster_area)
+            radius = _first_radius(photons, self._caster_area)
+            if self._pixel_radius:
+                radius = min(radius, _MOST_PIXELS * self._pixel_radius)
+            growing.radius = self._first_radius = radius
         return make_map(photons, growing.count, growing.radius, self._caster_area)
 
 

@@ -15,6 +15,8 @@ from engine.array_types import Float32Array, Int32Array
 
 #: Pixels that are tried, two samples each.
 TRIED_PIXELS = 2048
+#: And those that tell how large pixels are.
+LOOKED_PIXELS = 256
 #: Photons take this much of the time of paths, and more where they are gathered; they must save more than that.
 _LEAST_GAIN = 1.15
 #: Share of pixels that are left out, those with the most noise: single ones tell nothing of the others.
@@ -25,7 +27,7 @@ _DIM = 0.25
 #: its square: noise that a few fireflies would make counts no more than that.
 _SAMPLES = 256
 
-#: Traces the pixels, for which of the two samples: the samples' values float32 (P, 3), and `PhotonLanes.tried` (P, 2);
+#: Traces the pixels, for which of the two samples: the samples' values float32 (P, 3), and `PhotonLanes.tried` (P, 3);
 #: None: it was stopped.
 TracePixels = Callable[[Int32Array, int], tuple[Float32Array, Float32Array] | None]
 
@@ -45,7 +47,7 @@ def gain_of_photons(first: Float32Array, second: Float32Array, gathered: Float32
     ----------
     first, second : float32 (P, 3)
         Two samples of each pixel, with photons.
-    gathered : float32 (P, 2)
+    gathered : float32 (P, 3)
         `PhotonLanes.tried`, mean of both samples.
     """
     noise = 0.5 * ((first.astype(np.float64) - second) ** 2).mean(axis=1)
@@ -55,7 +57,7 @@ def gain_of_photons(first: Float32Array, second: Float32Array, gathered: Float32
         return 1.0
     kept = max(int(len(noise) * (1.0 - _TRIMMED)), 1)
     with_photons = np.sort(noise / scale)[:kept].sum()
-    light, moment = gathered.astype(np.float64).T
+    light, moment = gathered[:, :2].astype(np.float64).T
     added = np.sort(np.minimum(moment, _SAMPLES * light**2) / scale)[:kept].sum()
     return float((with_photons + added) / with_photons) if with_photons > 0.0 else 1.0
 
@@ -69,3 +71,12 @@ def photons_pay(region: tuple[int, int, int, int], seed: int, trace: TracePixels
     (first, gathered), (second, other) = samples[0], samples[1]
     gain = gain_of_photons(first, second, 0.5 * (gathered + other))
     return gain if gain >= _LEAST_GAIN else 0.0
+
+
+def pixel_radius(region: tuple[int, int, int, int], seed: int, trace: TracePixels) -> float | None:
+    """Median radius of pixels where they gather photons [m], 0 where none does; None: it was stopped."""
+    samples = trace(tried_pixels(region, seed)[:LOOKED_PIXELS], 0)
+    if samples is None:
+        return None
+    radii = samples[1][:, 2]
+    return float(np.median(radii[radii > 0.0])) if (radii > 0.0).any() else 0.0

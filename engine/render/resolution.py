@@ -87,7 +87,7 @@ def resolve(
     if cache_left_out:
         settings = replace(settings, radiance_cache="OFF")
     if settings.traces_photons and (problem := _why_no_photons(settings, scene)):
-        if len(scene.casters.instance):
+        if len(scene.casters.instance) and settings.caustics != "AUTO":
             notices.append(Notice("Caustics by photons", problem, "paths alone find them"))
         settings = replace(settings, caustics="PATHS")
     if scene.media.is_used:
@@ -117,10 +117,14 @@ def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
         return "have nothing to go over"
     if not (settings.use_caustics_reflective or settings.use_caustics_refractive):
         return "are not asked for: caustics are off"
+    if settings.caustics == "AUTO" and settings.filter_glossy > 0.0:
+        return "would be sharp, and Filter Glossy asks for blurred ones"
     if settings.spectral == "ON":
         return "know no wavelengths"
     if scene.media.varies:
         return "know no media that vary"
+    if scene.lights.links.blockers.shape[1] != 0:
+        return "know no linked shadows"
     if scene.has_catchers:
         return "know no shadow catchers"
     if scene.description.fast_gi.bounces > 0:

@@ -23,7 +23,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
 from engine.render.photon_maps import PhotonMaps
-from engine.render.photon_trial import photons_pay
+from engine.render.photon_trial import TracePixels, photons_pay, pixel_radius
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
 from engine.render.unit_header import unit_header
@@ -36,7 +36,7 @@ from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
-from engine.state.photons import MAP_IS_TRIED, PhotonMap, no_photons
+from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, PhotonMap, no_photons
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
@@ -70,6 +70,9 @@ from engine.wavefront.work import NoModel, RadianceView, SceneView, UnitView
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
 _IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
 _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_counter
+#: Where nothing is gathered yet, but all that may gather says so.
+_NO_PHOTONS_YET = no_photons()
+_NO_PHOTONS_YET.numbers[MAP_RADIUS] = 1e-30
 #: Makes of a render's seed that of a trial.
 _TRIAL_SEED = 0x2545F491
 #: Entries of the unit's header that are for paths of the picture alone.
@@ -398,7 +401,8 @@ class Tracer:
         if self._photon_maps is not None:
             photons = self._photon_maps.map_of(
                 unit.sample_first, lambda first, count: self._send_off_photons(batch, first, count, stop),
-                lambda first_map: self._try_photons(batch, first_map, stop),
+                lambda: pixel_radius(self._region, self.seed, self._trial_of(batch, _NO_PHOTONS_YET, stop)),
+                lambda first_map: photons_pay(self._region, self.seed, self._trial_of(batch, first_map, stop)),
             )
             if photons is None:
                 return False
@@ -445,8 +449,8 @@ class Tracer:
         found: np.ndarray = work.photons.found[: work.counts[PHOTONS]].copy()
         return found
 
-    def _try_photons(self, batch: Batch, first_map: PhotonMap, stop: np.ndarray) -> float | None:
-        """What photons gain, by pixels that a thread traces in its memory; None: it was stopped."""
+    def _trial_of(self, batch: Batch, first_map: PhotonMap, stop: np.ndarray) -> TracePixels:
+        """What traces pixels of a trial in a thread's memory."""
         header = first_map.header.copy()
         header[MAP_IS_TRIED] = 1
         tried, rows = first_map._replace(header=header), batch.work.photons.tried.shape[0]
@@ -468,7 +472,7 @@ class Tracer:
                 gathered.append(batch.work.photons.tried[: len(part)].copy())
             return np.concatenate(values), np.concatenate(gathered)
 
-        return photons_pay(self._region, self.seed, trace)
+        return trace
 
     def _arguments(
         self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray, photons: PhotonMap | None = None

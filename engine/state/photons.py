@@ -88,8 +88,8 @@ class PhotonLanes(Bundle):
     group: Int32Array = column("of its light", "L")
     visibility: Int32Array = column("RAY_* bits of rays that see its light", "L")
     tried: Float32Array = column(
-        "of a trial's pixels, by row of the film: what was gathered, and the second moment of what paths alone would have "
-        "found of it, mean over channels", "M", 2,
+        "of a trial's pixels, by row of the film: what was gathered, the second moment of what paths alone would have "
+        "found of it, mean over channels, and the pixel's radius where it gathers first [m]", "M", 3,
     )
     found: Float32Array = column("photons that have arrived", "F", PHOTON_WIDTH)
 

@@ -23,6 +23,7 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_NG,
     POINT_P,
+    POINT_RADIUS,
     POINT_WO,
     RAY_CAUSTIC,
     RAY_GATHERED,
@@ -83,6 +84,8 @@ def _gather(scene, work, lane):
     p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
     radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
     squared, is_tried = radius * radius, grid.header[MAP_IS_TRIED] != 0
+    if is_tried and work.photons.tried[paths.pixel[lane], 2] == 0.0:
+        work.photons.tried[paths.pixel[lane], 2] = points.real[lane, POINT_RADIUS]
     mask = grid.header[MAP_BUCKETS] - 1
     # Cells are twice as wide as the disc: eight hold it.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)

@@ -30,6 +30,8 @@ class IntegratorOptions(NamedTuple):
     #: Light samples that would add less than 1 / this are played roulette with; 0 = off.
     inverse_light_threshold: np.float32
     filter_glossy: np.float32
+    #: Whether that blurs delta lobes too; photons go over these as they are.
+    blurs_delta: int
     #: How far the Ambient Occlusion pass and short rays look [m].
     occlusion_distance: np.float32
     #: As `engine.scene.fast_gi.FastGi` has them.
@@ -59,6 +61,7 @@ def make_options(
         clamp_indirect=np.float32(settings.clamp_indirect),
         inverse_light_threshold=np.float32(exposure / threshold if threshold > 0.0 else 0.0),
         filter_glossy=np.float32(settings.filter_glossy),
+        blurs_delta=int(not settings.traces_photons),
         occlusion_distance=np.float32(occlusion_distance),
         short_bounces=fast_gi.bounces,
         short_background=np.float32(fast_gi.background),

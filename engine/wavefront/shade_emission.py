@@ -149,4 +149,4 @@ def shade_emission(scene, unit, work, queue):
             # Cycles' Filter Glossy: behind a blurry bounce lobes are made at least this rough, to tame caustics.
             blur = paths.min_pdf[lane] / options.filter_glossy
             if blur < 1.0:
-                blur_glossy(closures, lane, math.sqrt(1.0 - blur) * 0.5)
+                blur_glossy(closures, lane, math.sqrt(1.0 - blur) * 0.5, options.blurs_delta)

@@ -159,8 +159,13 @@ def summarize(closures, lane):
 
 
 @kernel
-def blur_glossy(closures, lane, roughness):
-    """Raise the alphas of a lane's microfacet lobes, and widths of fibres, to at least `roughness` (filter glossy)."""
+def blur_glossy(closures, lane, roughness, blurs_delta):
+    """Raise the alphas of a lane's microfacet lobes, and widths of fibres, to at least `roughness` (filter glossy).
+
+    Parameters
+    ----------
+    blurs_delta : int, not 0: delta lobes too
+    """
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
         if kind == CHIANG:
@@ -169,5 +174,8 @@ def blur_glossy(closures, lane, roughness):
         elif kind == HUANG:
             closures.param[lane, i, HUANG_ALPHA] = max(closures.param[lane, i, HUANG_ALPHA], roughness)
         elif FIRST_MICROFACET <= kind <= LAST_MICROFACET or kind == THIN_GLASS:
+            alphas = closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y]
+            if blurs_delta == 0 and not alphas > DELTA_ALPHA_SQUARED:
+                continue
             closures.param[lane, i, ALPHA_X] = max(closures.param[lane, i, ALPHA_X], roughness)
             closures.param[lane, i, ALPHA_Y] = max(closures.param[lane, i, ALPHA_Y], roughness)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Caustics by photons: the same light as paths find, and as mirrored lamps give; for any number of threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
+from engine.render.photon_trial import gain_of_photons, tried_pixels
+from engine.render.session import Session
+from engine.settings import RenderSettings
+from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH
+from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
+
+pytestmark = pytest.mark.estimator
+
+
+def render(scene, samples=16, seed=1, threads=1, **settings):
+    chosen = {"caustics": "PHOTONS", "filter_glossy": 0.0} | settings
+    session = Session(RenderSettings(samples=samples, seed=seed, threads=threads, **chosen))
+    session.load(scene)
+    result = session.render()
+    session.close()
+    return result
+
+
+def pictures(scene, seeds, **settings):
+    return np.stack([render(scene, seed=seed, **settings).passes["Combined"][..., :3].mean(axis=-1) for seed in seeds])
+
+
+def z_of_means(a, b):
+    """Difference of the means of two stacks of pictures, in standard errors of their seeds."""
+    means = [one.reshape(len(one), -1).mean(axis=1) for one in (a, b)]
+    error = np.sqrt(sum(mean.var(ddof=1) / len(mean) for mean in means))
+    return (means[0].mean() - means[1].mean()) / error
+
+
+def test_each_sample_has_one_map() -> None:
+    found = [map_of_sample(sample) for sample in range(200)]
+    expected = [number for number in range(20) for _ in range(samples_of_map(number)[1])][:200]
+    assert found == expected
+    assert [samples_of_map(number)[0] for number in range(8)] == [0, 1, 2, 4, 8, 16, 32, 48]
+
+
+def test_a_map_holds_each_photon_once_in_the_bucket_of_its_cell() -> None:
+    numbers = np.random.default_rng(1)
+    photons = numbers.uniform(-3.0, 3.0, (500, PHOTON_WIDTH)).astype(np.float32)
+    grid = make_map(photons, 1000, 0.25, 1.0)
+    assert sorted(map(tuple, grid.photons)) == sorted(map(tuple, photons))
+    starts, mask = grid.starts, int(grid.header[MAP_BUCKETS]) - 1
+    assert starts[0] == 0 and starts[-1] == 500 and (np.diff(starts) >= 0).all()
+    cells = np.floor(grid.photons[:, PHOTON_P : PHOTON_P + 3] * grid.numbers[MAP_INVERSE_CELL]).astype(np.int64)
+    buckets = (cells[:, 0] * 73856093 ^ cells[:, 1] * 19349663 ^ cells[:, 2] * 83492791) & mask
+    assert (np.searchsorted(starts, np.arange(500), side="right") - 1 == buckets).all()
+
+
+def test_a_mirror_lights_as_the_mirrored_lamp_does() -> None:
+    """Paths alone meet the lamp in the mirror in one of a thousand samples."""
+    found = pictures(mirror_scene(), range(4), samples=64)
+    expected = pictures(mirrored_scene(), range(4), samples=64)
+    # Four standard errors of four seeds: one choice of seeds in some hundred fails.
+    assert abs(z_of_means(found, expected)) < 4.0
+    np.testing.assert_allclose(found.mean(axis=0), expected.mean(axis=0), rtol=0.1)
+    alone = pictures(mirrored_scene(), range(1), samples=16)
+    assert found.mean() == pytest.approx(alone.mean(), rel=0.02)
+
+
+def test_water_is_as_bright_as_by_paths() -> None:
+    """Light is squeezed below water: factors that paths leave out photons must leave out too."""
+    by_photons, by_paths = (
+        pictures(water_scene(), range(4), samples=256, caustics=caustics) for caustics in ("PHOTONS", "PATHS")
+    )
+    assert abs(z_of_means(by_photons, by_paths)) < 4.0
+    assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.02)
+
+
+def test_photons_make_less_noise_where_the_lamp_is_small() -> None:
+    by_photons, by_paths = (
+        pictures(water_scene(0.3), range(2), samples=32, caustics=caustics) for caustics in ("PHOTONS", "PATHS")
+    )
+    assert 10.0 * by_photons.var(axis=0).mean() < by_paths.var(axis=0).mean()
+
+
+@pytest.mark.parametrize("caustics", ["PHOTONS", "AUTO"])
+def test_the_picture_is_the_same_for_any_number_of_threads(caustics: str) -> None:
+    one, three = (
+        render(mirror_scene(), threads=threads, caustics=caustics).passes["Combined"] for threads in (1, 3)
+    )
+    np.testing.assert_array_equal(one, three)
+
+
+def test_a_trial_gives_up_where_photons_find_nothing_and_keeps_them_where_they_do() -> None:
+    by_paths, automatic = (
+        render(hidden_glass_scene(), caustics=caustics).passes["Combined"] for caustics in ("PATHS", "AUTO")
+    )
+    np.testing.assert_array_equal(automatic, by_paths)
+    by_photons, automatic = (
+        render(mirror_scene(), caustics=caustics).passes["Combined"] for caustics in ("PHOTONS", "AUTO")
+    )
+    np.testing.assert_array_equal(automatic, by_photons)
+
+
+def test_the_gain_counts_light_that_paths_miss_as_missing() -> None:
+    first, second = np.full((100, 3), 1.0, np.float32), np.full((100, 3), 1.2, np.float32)
+    noise = 0.5 * 0.2**2
+    rare = np.tile(np.array([0.001, 1e6], np.float32), (100, 1))
+    assert gain_of_photons(first, second, rare) == pytest.approx(1.0 + 256 * 0.001**2 / noise, rel=1e-4)
+    often = np.tile(np.array([1.0, 0.5], np.float32), (100, 1))
+    assert gain_of_photons(first, second, often) == pytest.approx(1.0 + 0.5 / noise, rel=1e-4)
+
+
+def test_pixels_of_a_trial_lie_in_the_region() -> None:
+    pixels = tried_pixels((3, 5, 9, 8), 1)
+    assert sorted(map(tuple, pixels)) == [(x, y) for x in range(3, 9) for y in range(5, 8)]
+
+
+def test_filter_glossy_leaves_smooth_surfaces_to_photons_and_automatic_leaves_them_to_it() -> None:
+    settings = {"filter_glossy": 1.0, "samples": 64}
+    sharp, expected = render(mirror_scene(), **settings), render(mirrored_scene(), samples=64)
+    assert sharp.passes["Combined"].mean() == pytest.approx(expected.passes["Combined"].mean(), rel=0.03)
+    blurred = [render(mirror_scene(), caustics=caustics, **settings) for caustics in ("AUTO", "PATHS")]
+    np.testing.assert_array_equal(blurred[0].passes["Combined"], blurred[1].passes["Combined"])
+
+
+def test_what_photons_do_not_know_is_said() -> None:
+    result = render(mirror_scene(), samples=1, spectral="ON")
+    assert any(notice.subject == "Caustics by photons" for notice in result.report.notices)
+    result = render(mirror_scene(), samples=1, spectral="ON", caustics="AUTO")
+    assert not any(notice.subject == "Caustics by photons" for notice in result.report.notices)
+
+
+def test_passes_sum_to_the_picture() -> None:
+    session = Session(RenderSettings(samples=8, threads=1, caustics="PHOTONS", filter_glossy=0.0))
+    session.load(mirror_scene())
+    kinds = [f"{lobes} {part}" for lobes in ("Diffuse", "Glossy", "Transmission") for part in ("Direct", "Indirect")]
+    colors = [f"{lobes} Color" for lobes in ("Diffuse", "Glossy", "Transmission")]
+    passes = session.render(passes=["Combined", *kinds, *colors]).passes
+    session.close()
+    total = sum(
+        passes[f"{lobes} Color"][..., :3] * (passes[f"{lobes} Direct"][..., :3] + passes[f"{lobes} Indirect"][..., :3])
+        for lobes in ("Diffuse", "Glossy", "Transmission")
+    )
+    np.testing.assert_allclose(total, passes["Combined"][..., :3], rtol=1e-3, atol=1e-5)

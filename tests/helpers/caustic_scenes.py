@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Scenes with light that comes over mirrors and through water, which can be worked out or found otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.scene.description import Light, Link, Material, Node, NodeGraph, SceneDescription
+from tests.helpers.small_scenes import floor_scene, material
+
+#: 50 m of wall, which stands at y = 2 m and faces the origin.
+_WALL = np.array([[1, 0, 0, 0], [0, 0, -1, 2], [0, 1, 0, 0], [0, 0, 0, 1]], np.float32)
+
+
+def lamp_at(x: float, y: float, z: float, size: float = 0.1, energy: float = 100.0) -> Light:
+    """A square lamp that shines down [m, W]."""
+    place = np.eye(4, dtype=np.float32)
+    place[:3, 3] = x, y, z
+    return Light(f"lamp {y}", "Lamp", "AREA", place, (1.0, 1.0, 1.0), energy, size_x=size, size_y=size)
+
+
+def _glass(ior: float, roughness: float = 0.0) -> Material:
+    inputs = {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": roughness, "IOR": ior}
+    node = Node("ShaderNodeBsdfGlass", "Glass", inputs, {"distribution": "GGX"})
+    return Material("Glass", "Glass", NodeGraph([node], Link(0, "BSDF")))
+
+
+def _two(transform: np.ndarray, second: Material, lights: list[Light]) -> SceneDescription:
+    """The floor, and something of another material."""
+    scene = floor_scene(
+        lights=lights, transforms=[np.eye(4), transform], materials=[material(), second], size=(16, 16)
+    )
+    instances = scene.instances
+    instances.material_offset = np.array([0, 1], np.int32)
+    instances.materials = np.array([0, 1], np.int32)
+    return scene
+
+
+def mirror_scene() -> SceneDescription:
+    """A floor beside a mirror, under a small lamp: it is lit as by `mirrored_scene`."""
+    mirror = material("Mirror", (1.0, 1.0, 1.0), "ShaderNodeBsdfAnisotropic")
+    return _two(_WALL, mirror, [lamp_at(0.0, 0.0, 2.0)])
+
+
+def mirrored_scene() -> SceneDescription:
+    """The same floor under the lamp and its image, without the mirror."""
+    return floor_scene(lights=[lamp_at(0.0, 0.0, 2.0), lamp_at(0.0, 4.0, 2.0)], size=(16, 16))
+
+
+def water_scene(size: float = 4.0, roughness: float = 0.0) -> SceneDescription:
+    """A floor below water, seen from above, under a lamp that is so wide that paths find it."""
+    surface = np.eye(4, dtype=np.float32)
+    surface[2, 3] = 1.0
+    return _two(surface, _glass(1.33, roughness), [lamp_at(0.0, 0.0, 3.0, size)])
+
+
+def hidden_glass_scene() -> SceneDescription:
+    """Glass far below a floor that no light reaches."""
+    below = np.eye(4, dtype=np.float32)
+    below[2, 3] = -5.0
+    return _two(below, _glass(1.5), [lamp_at(0.0, 0.0, 3.0)])
+
+
