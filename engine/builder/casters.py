@@ -28,6 +28,10 @@ from engine.state.geometry import (
 from engine.state.lights import LightArrays
 from engine.state.photons import MAY_CAST, MAY_GATHER, CasterArrays, no_casters
 
+#: Pieces that casters of few triangles are divided into, about, and how often a triangle is.
+_PIECES = 1 << 13
+_MOST_LEVELS = 6
+
 
 def build_casters(
     geometry: GeometryArrays, programs: Sequence[CompiledProgram], lights: LightArrays
@@ -54,35 +58,43 @@ def build_casters(
     flags = table[:, INSTANCE_FLAGS]
     stands = (flags & INSTANCE_FLAG_MOVING == 0) & (of_mesh[:, MESH_MOTION] < 0)
     stands &= flags & (INSTANCE_FLAG_CATCHER | INSTANCE_FLAG_HOLDOUT) == 0
-    has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES)
-    instances = np.where(stands, MAY_GATHER, 0) | np.where(has_faces, MAY_CAST, 0)
-    rows, triangles, areas = [], [], []
-    for instance in np.flatnonzero(has_faces & (table[:, INSTANCE_VISIBILITY] != 0)):
+    has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES) & (table[:, INSTANCE_VISIBILITY] != 0)
+    first_row, rows, triangles, areas = np.full(len(table), -1, np.int32), [], [], []
+    for instance in np.flatnonzero(has_faces):
         mesh = meshes[table[instance, INSTANCE_MESH]]
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
         slots = geometry.material_slots[first : first + count]
         material = geometry.instance_materials[table[instance, INSTANCE_MATERIAL_OFFSET] + slots]
-        chosen = first + np.flatnonzero(is_smooth[material])
-        if len(chosen):
-            rows.append(np.full(len(chosen), instance, np.int32))
-            triangles.append(chosen.astype(np.int32))
-            areas.append(_areas(geometry, instance, chosen))
-    if not rows:
+        smooth = is_smooth[material] != 0
+        if not smooth.any():
+            continue
+        first_row[instance] = sum(map(len, rows))
+        rows.append(np.full(count, instance, np.int32))
+        triangles.append(np.arange(first, first + count, dtype=np.int32))
+        areas.append(np.where(smooth, _areas(geometry, instance, triangles[-1]), 0.0))
+    if not rows or not sum(float(area.sum()) for area in areas) > 0.0:
         return no_casters(lights)
     area = np.concatenate(areas)
-    has_area = area > 0.0
-    area = area[has_area]
-    if not len(area):
-        return no_casters(lights)
-    cumulative = np.cumsum(area)
-    total = float(cumulative[-1])
-    cumulative /= total
-    cumulative[-1] = 1.0
+    level = _levels(area)
+    has_pieces = area > 0.0
+    pieces = np.where(has_pieces, 4**level, 0)
+    first_piece = np.where(has_pieces, np.cumsum(pieces) - pieces, -1)
+    row = np.repeat(np.arange(len(area)), pieces)
+    casts = np.where(first_row >= 0, MAY_CAST, 0)
     return CasterArrays(
-        instance=np.concatenate(rows)[has_area], triangle=np.concatenate(triangles)[has_area], cumulative=cumulative,
-        area=np.array([total], np.float32), instances=instances.astype(np.uint8), programs=is_smooth,
-        lights=_by_the_tree(lights),
+        first_row=first_row, instance=np.concatenate(rows), triangle=np.concatenate(triangles),
+        first_piece=first_piece.astype(np.int32), level=level.astype(np.int32), row=row.astype(np.int32),
+        area=(area / 4.0**level)[row].astype(np.float32),
+        instances=(np.where(stands, MAY_GATHER, 0) | casts).astype(np.uint8), lights=_by_the_tree(lights),
     )  # fmt: skip
+
+
+def _levels(area: np.ndarray) -> np.ndarray:
+    """How often triangles are divided by four, so that no piece is much of all: int64."""
+    least = area.sum() / _PIECES
+    with np.errstate(divide="ignore"):
+        halvings = np.log2(np.where(area > 0.0, area, least) / least)
+    return np.clip(np.ceil(0.5 * halvings), 0, _MOST_LEVELS).astype(np.int64)
 
 
 def _areas(geometry: GeometryArrays, instance: int, triangles: np.ndarray) -> np.ndarray:

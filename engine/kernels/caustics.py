@@ -16,8 +16,7 @@ from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, FIRST_HAIR, HAS_EVAL, LA
 from engine.kernels.lights import Receiver, tree_of_ray
 from engine.kernels.vector import dot, load, negate
 from engine.runtime.jit import kernel
-from engine.state.lanes import POINT_PROGRAM
-from engine.state.photons import MAP_EXPECTED, MAP_RADIUS, MAY_CAST, MAY_GATHER
+from engine.state.photons import MAP_EXPECTED, MAP_RADIUS, MAY_GATHER
 
 #: Surfaces gather photons if a lobe of theirs is at least this rough, as a product of alphas. What is smoother shows
 #: single photons.
@@ -47,13 +46,6 @@ def may_gather(scene, closures, lane, instance):
             if closures.param[lane, i, ALPHA_X] * closures.param[lane, i, ALPHA_Y] >= _LEAST_ROUGH:
                 return True
     return False
-
-
-@kernel
-def casts(scene, points, lane, instance):
-    """Whether photons may begin at a surface that has been met."""
-    casters = scene.casters
-    return casters.instances[instance] & MAY_CAST != 0 and casters.programs[points.integer[lane, POINT_PROGRAM]] != 0
 
 
 @kernel
@@ -103,6 +95,6 @@ def share_of_path(scene, work, lane, pdf, cosine):
     """
     if not pdf > 0.0:
         return np.float32(1.0)
-    density = pdf / (np.float32(2.0) * scene.casters.area[0] * cosine)
+    density = pdf * work.photons.place_density[lane] / cosine
     expected = expected_photons(work.photons.ratio[lane], density, scene.photons.numbers)
     return np.float32(1.0) / (np.float32(1.0) + expected)

@@ -206,11 +206,11 @@ class _Counted:
         )
 
 
-def _photon_lanes(lane_count: int, pixel_count: int, settings: RenderSettings) -> PhotonLanes:
+def _photon_lanes(lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings) -> PhotonLanes:
     """Memory for photons, next to none where there are none."""
     if not settings.traces_photons:
-        return allocate_photon_lanes(1, 1, 1)
-    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count)
+        return allocate_photon_lanes(1, 1, 1, 1)
+    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count, piece_count)
 
 
 class Batch:
@@ -228,11 +228,13 @@ class Batch:
         Whether there is room for what guides paths.
     records : bool
         Whether there is room to record paths.
+    piece_count : int
+        Pieces of casters, from which photons begin.
     """
 
     def __init__(
         self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT,
-        *, is_guided: bool = False, records: bool = False,
+        *, is_guided: bool = False, records: bool = False, piece_count: int = 0,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         # Both have one type, though only surfaces have AOVs: shaders are compiled once for both.
@@ -277,7 +279,7 @@ class Batch:
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             walks=allocate_walk_lanes(lanes, channel_count),
-            photons=_photon_lanes(lanes, pixel_count, settings),
+            photons=_photon_lanes(lanes, pixel_count, piece_count, settings),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

@@ -40,6 +40,8 @@ _FEWEST, _MOST = 1 << 12, 1 << 19
 CHUNK = 4096
 #: Samples of a pixel that go by one map, at most.
 _MOST_SAMPLES = 16
+#: Share of photons that begin anywhere on casters.
+_EVERYWHERE = 0.25
 #: Photons within the first radius.
 _FIRST_NEIGHBOURS = 4
 #: The first radius is at most this many times a pixel's: where few photons arrive, paths find what they lack.
@@ -51,10 +53,11 @@ _KEPT = 3
 #: Radius where too few photons arrive to tell, over the square root of the casters' area.
 _LARGE = 0.05
 
-#: Sends off photons: from the first, so many; what arrives is float32 (F, PHOTON_WIDTH), or None: it was stopped.
-SendOff = Callable[[int, int], Float32Array | None]
-#: Radius of a pixel where it gathers photons [m], 0: nowhere; None: it was stopped.
-Look = Callable[[], float | None]
+#: Sends off photons, which begin as a map without any says: from the first, so many; what arrives is float32 (F, PHOTON_WIDTH), or None: it was stopped.
+SendOff = Callable[[PhotonMap, int, int], Float32Array | None]
+#: By a map without photons: radius of a pixel where it gathers photons [m], 0: nowhere, and how often paths that had
+#: gathered some have met each piece of the casters; None: it was stopped.
+Look = Callable[[PhotonMap], tuple[float, Float32Array] | None]
 #: What photons gain by a map, 0: they do not pay; None: it was stopped.
 TryOut = Callable[[PhotonMap], float | None]
 
@@ -104,13 +107,15 @@ class PhotonMaps:
     Parameters
     ----------
     pixel_count : int
-    caster_area : float [m^2]
+    piece_area : float32 (Q,), of the casters' pieces [m^2]
     is_tried : bool
         Whether a trial decides if there are any.
     """
 
-    def __init__(self, pixel_count: int, caster_area: float, *, is_tried: bool) -> None:
-        self._pixel_count, self._caster_area, self._is_tried = pixel_count, caster_area, is_tried
+    def __init__(self, pixel_count: int, piece_area: Float32Array, *, is_tried: bool) -> None:
+        self._pixel_count, self._piece_area, self._is_tried = pixel_count, piece_area, is_tried
+        #: Says with what densities photons begin; before anything is known, all over the casters.
+        self._begins = _begins(piece_area, np.zeros_like(piece_area))
         #: By how much paths alone would be noisier, 0 where photons are given up; None: it is not known.
         self.gain: float | None = None
         self._trial = threading.Lock()
@@ -127,8 +132,9 @@ class PhotonMaps:
         if self.gain == 0.0:
             return _NO_PHOTONS
         with self._trial:
-            if self._pixel_radius is None:
-                self._pixel_radius = look()
+            if self._pixel_radius is None and (seen := look(self._begins)) is not None:
+                self._pixel_radius, counts = seen
+                self._begins = _begins(self._piece_area, counts)
         if self._pixel_radius is None:
             return None
         if self._first_radius is None and self._made(0, send_off) is None:
@@ -170,12 +176,12 @@ class PhotonMaps:
                 chunk = growing.next_chunk
                 if chunk == growing.chunk_count:
                     # Others are at it; they may be stopped, and so may this thread.
-                    if not self._changed.wait(0.05) and send_off(0, 0) is None:
+                    if not self._changed.wait(0.05) and send_off(self._begins, 0, 0) is None:
                         return None
                     continue
                 growing.next_chunk += 1
             first = chunk * CHUNK
-            found = send_off(growing.first + first, min(CHUNK, growing.count - first))
+            found = send_off(self._begins, growing.first + first, min(CHUNK, growing.count - first))
             if found is None:
                 return None
             with self._changed:
@@ -189,11 +195,28 @@ class PhotonMaps:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
         if growing.radius is None:
-            radius = _first_radius(photons, self._caster_area)
+            radius = _first_radius(photons, float(self._piece_area.sum()))
             if self._pixel_radius:
                 radius = min(radius, _MOST_PIXELS * self._pixel_radius)
             growing.radius = self._first_radius = radius
-        return make_map(photons, growing.count, growing.radius, self._caster_area)
+        return make_map(photons, growing.count, growing.radius, self._begins)
+
+
+def _begins(piece_area: Float32Array, seen: Float32Array) -> PhotonMap:
+    """A map without photons that says how they begin: mostly where paths look for lamps, and a little everywhere.
+
+    Parameters
+    ----------
+    piece_area : float32 (Q,), of the casters' pieces [m^2]
+    seen : float32 (Q,), how often paths have met them
+    """
+    probability = piece_area.astype(np.float64) / piece_area.sum(dtype=np.float64)
+    if (total := seen.sum(dtype=np.float64)) > 0.0:
+        probability = _EVERYWHERE * probability + (1.0 - _EVERYWHERE) * seen / total
+    cumulative = np.cumsum(probability)
+    cumulative /= cumulative[-1]
+    # One side of two is drawn.
+    return no_photons((0.5 * probability / piece_area).astype(np.float32), cumulative)
 
 
 def _first_radius(photons: Float32Array, caster_area: float) -> float:
@@ -210,7 +233,7 @@ def _first_radius(photons: Float32Array, caster_area: float) -> float:
     return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
 
 
-def make_map(photons: Float32Array, emitted: int, radius: float, caster_area: float) -> PhotonMap:
+def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonMap) -> PhotonMap:
     """Photons sorted into a grid.
 
     Parameters
@@ -218,7 +241,7 @@ def make_map(photons: Float32Array, emitted: int, radius: float, caster_area: fl
     photons : float32 (P, PHOTON_WIDTH), that have arrived
     emitted : int, that have been sent off
     radius : float [m]
-    caster_area : float [m^2]
+    begins : PhotonMap, one without photons that says how these began
     """
     buckets = 1 << max(len(photons) - 1, 1).bit_length()
     numbers = np.zeros(MAP_NUMBERS, np.float32)
@@ -229,4 +252,4 @@ def make_map(photons: Float32Array, emitted: int, radius: float, caster_area: fl
     header[MAP_BUCKETS], header[MAP_EMITTED] = buckets, emitted
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
-    return PhotonMap(header, numbers, starts, np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH))
+    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH))

@@ -15,8 +15,6 @@ from engine.array_types import Float32Array, Int32Array
 
 #: Pixels that are tried, two samples each.
 TRIED_PIXELS = 2048
-#: And those that tell how large pixels are.
-LOOKED_PIXELS = 256
 #: Photons take this much of the time of paths, and more where they are gathered; they must save more than that.
 _LEAST_GAIN = 1.15
 #: Share of pixels that are left out, those with the most noise: single ones tell nothing of the others.
@@ -75,7 +73,7 @@ def photons_pay(region: tuple[int, int, int, int], seed: int, trace: TracePixels
 
 def pixel_radius(region: tuple[int, int, int, int], seed: int, trace: TracePixels) -> float | None:
     """Median radius of pixels where they gather photons [m], 0 where none does; None: it was stopped."""
-    samples = trace(tried_pixels(region, seed)[:LOOKED_PIXELS], 0)
+    samples = trace(tried_pixels(region, seed), 0)
     if samples is None:
         return None
     radii = samples[1][:, 2]

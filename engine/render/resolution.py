@@ -87,7 +87,7 @@ def resolve(
     if cache_left_out:
         settings = replace(settings, radiance_cache="OFF")
     if settings.traces_photons and (problem := _why_no_photons(settings, scene)):
-        if len(scene.casters.instance) and settings.caustics != "AUTO":
+        if len(scene.casters.area) and settings.caustics != "AUTO":
             notices.append(Notice("Caustics by photons", problem, "paths alone find them"))
         settings = replace(settings, caustics="PATHS")
     if scene.media.is_used:
@@ -113,7 +113,7 @@ def resolve(
 
 def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
     """Why photons find nothing in a scene, or are not at home in it; '' where they do."""
-    if not len(scene.casters.instance) or not settings.use_nee:
+    if not len(scene.casters.area) or not settings.use_nee:
         return "have nothing to go over"
     if not (settings.use_caustics_reflective or settings.use_caustics_refractive):
         return "are not asked for: caustics are off"

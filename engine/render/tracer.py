@@ -70,9 +70,8 @@ from engine.wavefront.work import NoModel, RadianceView, SceneView, UnitView
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
 _IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
 _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_counter
-#: Where nothing is gathered yet, but all that may gather says so.
-_NO_PHOTONS_YET = no_photons()
-_NO_PHOTONS_YET.numbers[MAP_RADIUS] = 1e-30
+#: A radius within which there are no photons, but all that may gather some does [m].
+_NEXT_TO_NOTHING = 1e-30
 #: Makes of a render's seed that of a trial.
 _TRIAL_SEED = 0x2545F491
 #: Entries of the unit's header that are for paths of the picture alone.
@@ -111,7 +110,7 @@ def _photon_maps(scene: Scene, settings: RenderSettings) -> PhotonMaps | None:
         return None
     x0, y0, x1, y1 = scene.description.frame.region
     is_tried = settings.caustics == "AUTO"
-    return PhotonMaps((x1 - x0) * (y1 - y0), float(scene.casters.area[0]), is_tried=is_tried)
+    return PhotonMaps((x1 - x0) * (y1 - y0), scene.casters.area, is_tried=is_tried)
 
 
 def _of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -219,11 +218,15 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        key = (count, pixel_count, is_guided, records, self.layout, settings)
+        piece_count = len(self.view.casters.area)
+        key = (count, pixel_count, is_guided, records, self.layout, settings, piece_count)
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
             self._batches = [
-                Batch(shaders, pixel_count, settings, self.layout, is_guided=is_guided, records=records)
+                Batch(
+                    shaders, pixel_count, settings, self.layout, is_guided=is_guided, records=records,
+                    piece_count=piece_count,
+                )
                 for _ in range(count)
             ]
             self._batch_key = key
@@ -400,8 +403,8 @@ class Tracer:
         photons = None
         if self._photon_maps is not None:
             photons = self._photon_maps.map_of(
-                unit.sample_first, lambda first, count: self._send_off_photons(batch, first, count, stop),
-                lambda: pixel_radius(self._region, self.seed, self._trial_of(batch, _NO_PHOTONS_YET, stop)),
+                unit.sample_first, lambda begins, first, count: self._send_off_photons(batch, begins, first, count, stop),
+                lambda begins: self._look(batch, begins, stop),
                 lambda first_map: photons_pay(self._region, self.seed, self._trial_of(batch, first_map, stop)),
             )
             if photons is None:
@@ -428,13 +431,15 @@ class Tracer:
         batch.count(unit, seconds, cost, is_finished=bool(is_finished))
         return bool(is_finished)
 
-    def _send_off_photons(self, batch: Batch, first: int, count: int, stop: np.ndarray) -> np.ndarray | None:
+    def _send_off_photons(
+        self, batch: Batch, begins: PhotonMap, first: int, count: int, stop: np.ndarray
+    ) -> np.ndarray | None:
         """Trace photons in a thread's memory; what has arrived, or None if it was stopped."""
         if stop[0]:
             return None
         unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int32), first, count, arm=PLAIN)
         batch.begin()
-        stages, view, unit_view, guidance, _, work, _ = self._arguments(self.stages, batch, unit, stop)
+        stages, view, unit_view, guidance, _, work, _ = self._arguments(self.stages, batch, unit, stop, begins)
         header = unit_view.header
         kept = header[[UNIT_SEED, UNIT_SHADER_MODE, UNIT_SAMPLE_FIRST, UNIT_PATH_COUNT, UNIT_SPLITS_LIGHT]]
         header[:] = 0
@@ -448,6 +453,16 @@ class Tracer:
             return None
         found: np.ndarray = work.photons.found[: work.counts[PHOTONS]].copy()
         return found
+
+    def _look(self, batch: Batch, begins: PhotonMap, stop: np.ndarray) -> tuple[float, np.ndarray] | None:
+        """See `photon_maps.Look`."""
+        numbers = begins.numbers.copy()
+        numbers[MAP_RADIUS] = _NEXT_TO_NOTHING
+        batch.work.photons.seen[:] = 0.0
+        radius = pixel_radius(
+            self._region, self.seed, self._trial_of(batch, begins._replace(numbers=numbers), stop)
+        )
+        return None if radius is None else (radius, batch.work.photons.seen.copy())
 
     def _trial_of(self, batch: Batch, first_map: PhotonMap, stop: np.ndarray) -> TracePixels:
         """What traces pixels of a trial in a thread's memory."""

@@ -35,7 +35,7 @@ MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
 MAP_INVERSE_CELL = 1  # of the grid [m^-1]
 #: 1 / (photons that have begun x area of the disc) [m^-2]
 MAP_SCALE = 2
-#: What makes of a light sample's density at a caster, over the cosine there, how many photons arrive in a disc.
+#: Photons that have begun times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
 MAP_EXPECTED = 3
 MAP_NUMBERS = 4
 
@@ -45,22 +45,26 @@ MAY_GATHER = 2
 
 
 class CasterArrays(Bundle):
-    """Triangles of smooth surfaces, T of them, by whose area photons begin.
+    """Smooth surfaces in pieces, from which photons begin: T triangles, each divided into 4 ** level pieces, P in all.
 
+    first_row : int32 (I,), row of the first triangle of an instance's mesh, -1: it casts nothing
     instance, triangle : int32 (T,), rows of `GeometryArrays.instance_table` and `.triangles`
-    cumulative : float64 (T,), of their areas in the world, the last is 1
-    area : float32 (1,), of all [m^2]
+    first_piece : int32 (T,), -1: the triangle is not smooth
+    level : int32 (T,)
+    row : int32 (P,), the pieces' triangles
+    area : float32 (P,), of the pieces in the world [m^2]
     instances : uint8 (I,), MAY_* bits: those that move neither cast nor gather
-    programs : uint8 (P,), not 0: surfaces of this program cast
     lights : LightArrays, by the tree alone: nothing learned
     """
 
+    first_row: Int32Array
     instance: Int32Array
     triangle: Int32Array
-    cumulative: FloatArray
+    first_piece: Int32Array
+    level: Int32Array
+    row: Int32Array
     area: Float32Array
     instances: Uint8Array
-    programs: Uint8Array
     lights: LightArrays
 
 
@@ -68,12 +72,16 @@ class PhotonMap(Bundle):
     """Photons sorted by the cells of a hashed grid, P of them in H buckets.
 
     header : int64 (MAP_HEADER_WIDTH,); numbers : float32 (MAP_NUMBERS,)
+    cumulative : float64 (Q,), of the probabilities with which photons begin at the casters' pieces, the last is 1
+    place_density : float32 (Q,), with which they begin at a place of a piece, on one side [m^-2]
     starts : int32 (H + 1,), first photon of each bucket
     photons : float32 (P, PHOTON_WIDTH)
     """
 
     header: Int64Array
     numbers: Float32Array
+    cumulative: FloatArray
+    place_density: Float32Array
     starts: Int32Array
     photons: Float32Array
 
@@ -85,6 +93,10 @@ class PhotonLanes(Bundle):
         "where the path gathered photons last: cosine to its geometric normal over the density of its BSDF [sr]", "L"
     )
     density: Float32Array = column("of the lane's photon, PHOTON_DENSITY", "L")
+    place_density: Float32Array = column(
+        "`PhotonMap.place_density` where the lane's photon begins, or at the last caster that its path has met [m^-2]", "L"
+    )
+    seen: Float32Array = column("how often a trial's paths have met each piece of the casters", "Q")
     group: Int32Array = column("of its light", "L")
     visibility: Int32Array = column("RAY_* bits of rays that see its light", "L")
     tried: Float32Array = column(
@@ -94,24 +106,26 @@ class PhotonLanes(Bundle):
     found: Float32Array = column("photons that have arrived", "F", PHOTON_WIDTH)
 
 
-def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int) -> PhotonLanes:
+def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int, piece_count: int) -> PhotonLanes:
     """Zeroed `PhotonLanes`."""
-    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count, "M": pixel_count})
+    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count, "M": pixel_count, "Q": piece_count})
 
 
 def no_casters(lights: LightArrays) -> CasterArrays:
     """`CasterArrays` of scenes without photons."""
     return CasterArrays(
-        instance=np.zeros(0, np.int32), triangle=np.zeros(0, np.int32), cumulative=np.zeros(0, np.float64),
-        area=np.zeros(1, np.float32), instances=np.zeros(0, np.uint8), programs=np.zeros(0, np.uint8), lights=lights,
+        **{name: np.zeros(0, np.int32) for name in ("first_row", "instance", "triangle", "first_piece", "level", "row")},
+        area=np.zeros(0, np.float32), instances=np.zeros(0, np.uint8), lights=lights,
     )  # fmt: skip
 
 
-def no_photons() -> PhotonMap:
-    """A map without photons."""
+def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray | None = None) -> PhotonMap:
+    """A map without photons, which are to begin with these densities."""
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
     header[MAP_BUCKETS] = 1
     return PhotonMap(
-        header=header, numbers=np.zeros(MAP_NUMBERS, np.float32), starts=np.zeros(2, np.int32),
+        header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),
+        cumulative=np.zeros(0, np.float64) if cumulative is None else cumulative,
+        place_density=np.zeros(0, np.float32) if place_density is None else place_density, starts=np.zeros(2, np.int32),
         photons=np.zeros((0, PHOTON_WIDTH), np.float32),
     )  # fmt: skip

@@ -15,6 +15,7 @@ from engine.kernels.bsdf import reset_closures
 from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.kinds import DIFFUSE
 from engine.kernels.camera import sample_table
+from engine.kernels.caster_pieces import place_in_piece
 from engine.kernels.caustics import LEAST_COSINE
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import reset_depths
@@ -50,7 +51,7 @@ _LONGEST = np.float32(1e10)
 
 @kernel
 def _draw_row(cumulative, u):
-    """The caster whose part of [0, 1) `u` lies in."""
+    """The piece whose part of [0, 1) `u` lies in."""
     low, high = 0, cumulative.shape[0] - 1
     while low < high:
         middle = (low + high) // 2
@@ -98,26 +99,29 @@ def place_photons(scene, unit, work, queue):
     queue : LaneQueue
         `work.active`, filled with as many of the unit's next photons as there are lanes, and `work.surface` too.
     """
-    casters, geometry, header = scene.casters, scene.geometry, unit.header
+    casters, grid, geometry, header = scene.casters, scene.photons, scene.geometry, unit.header
     paths, points, closures = work.paths, work.points, work.closures
     rng = pixel_hash(np.uint32(header[UNIT_SEED]) ^ _SEED, 0, 0)
     first, count = work.counts[NEXT_PATH], header[UNIT_PATH_COUNT]
     placed = min(count - first, np.int64(queue.lanes.shape[0]))
-    power = np.float32(2.0) * casters.area[0]
     for lane in range(placed):
         sample = header[UNIT_SAMPLE_FIRST] + first + lane
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
         time_u, side_u, _, _ = sample_4d(rng, sample, SET_TIME)
-        # More bits than one number has: there may be millions of triangles.
-        row = _draw_row(casters.cumulative, np.float64(u0) + np.float64(u3) * 2.0**-24)
+        # More bits than one number has: there may be millions of pieces.
+        piece = _draw_row(grid.cumulative, np.float64(u0) + np.float64(u3) * 2.0**-24)
+        row, density = casters.row[piece], grid.place_density[piece]
         instance, triangle = np.int64(casters.instance[row]), np.int64(casters.triangle[row])
         root = math.sqrt(u1)
-        u, v = np.float32(1.0 - root), np.float32(u2 * root)
+        u, v = place_in_piece(
+            piece - np.int64(casters.first_piece[row]), casters.level[row], np.float32(1.0 - root), np.float32(u2 * root)
+        )
         time = sample_table(scene.shutter, time_u)
         p, ng, _ns, _error = surface_point(geometry, instance, triangle, u, v, time)
         if side_u < 0.5:
             ng = negate(ng)
-        _begin_lane(paths, work.passes, lane, time, sample, rng, power)
+        _begin_lane(paths, work.passes, lane, time, sample, rng, np.float32(1.0) / density)
+        work.photons.place_density[lane] = density
         # Seen from the side that asks.
         error = prepare_point(geometry, points, lane, instance, triangle, u, v, negate(ng), time)
         paths.offset[lane] = error
@@ -156,7 +160,6 @@ def launch_photons(scene, unit, work, queue):
     """
     paths, points, samples, photons = work.paths, work.points, work.samples, work.photons
     splits_light = unit.header[UNIT_SPLITS_LIGHT] != 0 and work.passes.parts.shape[0] > 0
-    half_area = np.float32(1.0) / (np.float32(2.0) * scene.casters.area[0])
     lanes, lane_count = queue.lanes, queue.count[0]
     traced, traced_count = work.traced.lanes, 0
     for k in range(lane_count):
@@ -182,7 +185,7 @@ def launch_photons(scene, unit, work, queue):
         factor = dot(ng, wi) / cosine
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] *= factor
-        photons.density[lane] = samples.pdf[lane] * half_area / cosine
+        photons.density[lane] = samples.pdf[lane] * photons.place_density[lane] / cosine
         photons.visibility[lane] = samples.visibility[lane]
         photons.group[lane] = work.passes.group[lane] if splits_light else -1
         store(paths.direction, lane, negate(wi))

@@ -12,7 +12,8 @@ import numpy as np
 
 from engine.kernels.bsdf import eval_bsdf
 from engine.kernels.bsdf.evaluate import EVERY_KIND
-from engine.kernels.caustics import LEAST_COSINE, casts, expected_photons, gathers, ratio_at
+from engine.kernels.caster_pieces import piece_at
+from engine.kernels.caustics import LEAST_COSINE, expected_photons, gathers, ratio_at
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
@@ -169,6 +170,8 @@ def mark_caustics(scene, unit, work, queue):
         `work.surface`, from which paths have gone on.
     """
     paths, points, closures, f_cos = work.paths, work.points, work.closures, work.f_cos
+    photons, grid = work.photons, scene.photons
+    is_tried = grid.header[MAP_IS_TRIED] != 0
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -184,8 +187,15 @@ def mark_caustics(scene, unit, work, queue):
             # It has gone in below the surface, and gathers where it comes out.
             continue
         if flags & RAY_SINGULAR:
-            if flags & RAY_GATHERED and casts(scene, points, lane, instance):
-                flags |= RAY_CAUSTIC
+            if flags & RAY_GATHERED:
+                piece = piece_at(
+                    scene.casters, instance, np.int64(paths.hit_triangle[lane]), paths.hit_u[lane], paths.hit_v[lane]
+                )
+                if piece >= 0:
+                    flags |= RAY_CAUSTIC
+                    photons.place_density[lane] = grid.place_density[piece]
+                    if is_tried:
+                        photons.seen[piece] += np.float32(1.0)
         else:
             flags &= ~RAY_GATHERED
             if gathers(scene, closures, lane, instance):
@@ -194,5 +204,5 @@ def mark_caustics(scene, unit, work, queue):
                 pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
                 if pdf > 0.0:
                     flags |= RAY_GATHERED
-                    work.photons.ratio[lane] = ratio_at(ng, wi, pdf)
+                    photons.ratio[lane] = ratio_at(ng, wi, pdf)
         paths.flags[lane] = flags

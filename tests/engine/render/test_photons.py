@@ -10,7 +10,7 @@ from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
 from engine.settings import RenderSettings
-from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH
+from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
 from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
 
 pytestmark = pytest.mark.estimator
@@ -46,7 +46,7 @@ def test_each_sample_has_one_map() -> None:
 def test_a_map_holds_each_photon_once_in_the_bucket_of_its_cell() -> None:
     numbers = np.random.default_rng(1)
     photons = numbers.uniform(-3.0, 3.0, (500, PHOTON_WIDTH)).astype(np.float32)
-    grid = make_map(photons, 1000, 0.25, 1.0)
+    grid = make_map(photons, 1000, 0.25, no_photons())
     assert sorted(map(tuple, grid.photons)) == sorted(map(tuple, photons))
     starts, mask = grid.starts, int(grid.header[MAP_BUCKETS]) - 1
     assert starts[0] == 0 and starts[-1] == 500 and (np.diff(starts) >= 0).all()
