@@ -29,8 +29,10 @@ from engine.state.lights import LightArrays
 from engine.state.photons import MAY_CAST, MAY_GATHER, CasterArrays, no_casters
 
 #: Pieces that casters of few triangles are divided into, about, and how often a triangle is.
-_PIECES = 1 << 13
+_PIECES = 1 << 11
 _MOST_LEVELS = 6
+#: Groups of small triangles, at least: as few paths as are tried tell no more of each.
+_GROUPS = 256
 
 
 def build_casters(
@@ -59,7 +61,7 @@ def build_casters(
     stands = (flags & INSTANCE_FLAG_MOVING == 0) & (of_mesh[:, MESH_MOTION] < 0)
     stands &= flags & (INSTANCE_FLAG_CATCHER | INSTANCE_FLAG_HOLDOUT) == 0
     has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES) & (table[:, INSTANCE_VISIBILITY] != 0)
-    first_row, rows, triangles, areas = np.full(len(table), -1, np.int32), [], [], []
+    first_row, rows, triangles, areas, middles = np.full(len(table), -1, np.int32), [], [], [], []
     for instance in np.flatnonzero(has_faces):
         mesh = meshes[table[instance, INSTANCE_MESH]]
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
@@ -71,7 +73,11 @@ def build_casters(
         first_row[instance] = sum(map(len, rows))
         rows.append(np.full(count, instance, np.int32))
         triangles.append(np.arange(first, first + count, dtype=np.int32))
-        areas.append(np.where(smooth, _areas(geometry, instance, triangles[-1]), 0.0))
+        corners = _corners(geometry, instance, triangles[-1])
+        edges = corners[:, 1:] - corners[:, :1]
+        area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        areas.append(np.where(smooth & np.isfinite(area), area, 0.0))
+        middles.append(corners.mean(axis=1))
     if not rows or not sum(float(area.sum()) for area in areas) > 0.0:
         return no_casters(lights)
     area = np.concatenate(areas)
@@ -84,6 +90,7 @@ def build_casters(
     return CasterArrays(
         first_row=first_row, instance=np.concatenate(rows), triangle=np.concatenate(triangles),
         first_piece=first_piece.astype(np.int32), level=level.astype(np.int32), row=row.astype(np.int32),
+        group=_groups(np.concatenate(middles)[row], level[row]),
         area=(area / 4.0**level)[row].astype(np.float32),
         instances=(np.where(stands, MAY_GATHER, 0) | casts).astype(np.uint8), lights=_by_the_tree(lights),
     )  # fmt: skip
@@ -97,14 +104,36 @@ def _levels(area: np.ndarray) -> np.ndarray:
     return np.clip(np.ceil(0.5 * halvings), 0, _MOST_LEVELS).astype(np.int64)
 
 
-def _areas(geometry: GeometryArrays, instance: int, triangles: np.ndarray) -> np.ndarray:
-    """Areas of an instance's triangles in the world [m^2]: float64."""
-    corners = geometry.vertices[geometry.triangles[triangles]].astype(np.float64)
-    edges = corners[:, 1:] - corners[:, :1]
+def _corners(geometry: GeometryArrays, instance: int, triangles: np.ndarray) -> np.ndarray:
+    """Corners of an instance's triangles in the world [m]: float64 (T, 3, 3)."""
+    corners: np.ndarray = geometry.vertices[geometry.triangles[triangles]].astype(np.float64)
     if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        edges = edges @ geometry.transforms[instance].reshape(3, 4)[:, :3].astype(np.float64).T
-    area: np.ndarray = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    return np.where(np.isfinite(area), area, 0.0)
+        matrix = geometry.transforms[instance].reshape(3, 4).astype(np.float64)
+        corners = corners @ matrix[:, :3].T + matrix[:, 3]
+    return corners
+
+
+def _groups(middles: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Numbers of groups of pieces: those of a triangle that was divided are each one, others by where they lie.
+
+    Parameters
+    ----------
+    middles : float64 (P, 3)
+        Of the pieces' triangles [m].
+    level : int64 (P,)
+        How often these were divided.
+    """
+    groups = np.arange(len(middles), dtype=np.int64)
+    whole = np.flatnonzero(level == 0)
+    if len(whole) > _GROUPS:
+        low, extent = middles[whole].min(axis=0), float(np.ptp(middles[whole], axis=0).max())
+        cells, found = 1, np.zeros(len(whole), np.int64)
+        while cells < 1 << 10 and found.max() < _GROUPS:
+            cells *= 2
+            place = np.minimum((middles[whole] - low) / max(extent, 1e-30) * cells, cells - 1).astype(np.int64)
+            found = np.unique(place @ np.array([1, cells, cells * cells]), return_inverse=True)[1].reshape(-1)
+        groups[whole] = len(middles) + found
+    return np.unique(groups, return_inverse=True)[1].reshape(-1).astype(np.int32)
 
 
 def _by_the_tree(lights: LightArrays) -> LightArrays:

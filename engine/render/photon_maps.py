@@ -27,6 +27,7 @@ from engine.state.photons import (
     MAP_NUMBERS,
     MAP_RADIUS,
     MAP_SCALE,
+    CasterArrays,
     PHOTON_P,
     PHOTON_WIDTH,
     PhotonMap,
@@ -34,7 +35,7 @@ from engine.state.photons import (
 )
 
 #: Photons for each path that goes by their map, and least and most of a map.
-_PHOTONS_PER_PATH = 0.125
+_PHOTONS_PER_PATH = 0.25
 _FEWEST, _MOST = 1 << 12, 1 << 19
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
@@ -107,15 +108,15 @@ class PhotonMaps:
     Parameters
     ----------
     pixel_count : int
-    piece_area : float32 (Q,), of the casters' pieces [m^2]
+    casters : CasterArrays
     is_tried : bool
         Whether a trial decides if there are any.
     """
 
-    def __init__(self, pixel_count: int, piece_area: Float32Array, *, is_tried: bool) -> None:
-        self._pixel_count, self._piece_area, self._is_tried = pixel_count, piece_area, is_tried
+    def __init__(self, pixel_count: int, casters: CasterArrays, *, is_tried: bool) -> None:
+        self._pixel_count, self._casters, self._is_tried = pixel_count, casters, is_tried
         #: Says with what densities photons begin; before anything is known, all over the casters.
-        self._begins = _begins(piece_area, np.zeros_like(piece_area))
+        self._begins = _begins(casters, np.zeros_like(casters.area))
         #: By how much paths alone would be noisier, 0 where photons are given up; None: it is not known.
         self.gain: float | None = None
         self._trial = threading.Lock()
@@ -134,7 +135,7 @@ class PhotonMaps:
         with self._trial:
             if self._pixel_radius is None and (seen := look(self._begins)) is not None:
                 self._pixel_radius, counts = seen
-                self._begins = _begins(self._piece_area, counts)
+                self._begins = _begins(self._casters, counts)
         if self._pixel_radius is None:
             return None
         if self._first_radius is None and self._made(0, send_off) is None:
@@ -195,28 +196,29 @@ class PhotonMaps:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
         if growing.radius is None:
-            radius = _first_radius(photons, float(self._piece_area.sum()))
+            radius = _first_radius(photons, float(self._casters.area.sum()))
             if self._pixel_radius:
                 radius = min(radius, _MOST_PIXELS * self._pixel_radius)
             growing.radius = self._first_radius = radius
         return make_map(photons, growing.count, growing.radius, self._begins)
 
 
-def _begins(piece_area: Float32Array, seen: Float32Array) -> PhotonMap:
+def _begins(casters: CasterArrays, seen: Float32Array) -> PhotonMap:
     """A map without photons that says how they begin: mostly where paths look for lamps, and a little everywhere.
 
     Parameters
     ----------
-    piece_area : float32 (Q,), of the casters' pieces [m^2]
-    seen : float32 (Q,), how often paths have met them
+    seen : float32 (Q,), how often paths have met the casters' pieces; of their groups by area
     """
-    probability = piece_area.astype(np.float64) / piece_area.sum(dtype=np.float64)
+    area, group = casters.area.astype(np.float64), casters.group
+    probability = area / area.sum()
     if (total := seen.sum(dtype=np.float64)) > 0.0:
-        probability = _EVERYWHERE * probability + (1.0 - _EVERYWHERE) * seen / total
+        by_group = np.bincount(group, seen) / np.bincount(group, area)
+        probability = _EVERYWHERE * probability + (1.0 - _EVERYWHERE) * by_group[group] * area / total
     cumulative = np.cumsum(probability)
     cumulative /= cumulative[-1]
     # One side of two is drawn.
-    return no_photons((0.5 * probability / piece_area).astype(np.float32), cumulative)
+    return no_photons((0.5 * probability / area).astype(np.float32), cumulative)
 
 
 def _first_radius(photons: Float32Array, caster_area: float) -> float:

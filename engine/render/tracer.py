@@ -110,7 +110,7 @@ def _photon_maps(scene: Scene, settings: RenderSettings) -> PhotonMaps | None:
         return None
     x0, y0, x1, y1 = scene.description.frame.region
     is_tried = settings.caustics == "AUTO"
-    return PhotonMaps((x1 - x0) * (y1 - y0), scene.casters.area, is_tried=is_tried)
+    return PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried)
 
 
 def _of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -51,7 +51,7 @@ class CasterArrays(Bundle):
     instance, triangle : int32 (T,), rows of `GeometryArrays.instance_table` and `.triangles`
     first_piece : int32 (T,), -1: the triangle is not smooth
     level : int32 (T,)
-    row : int32 (P,), the pieces' triangles
+    row : int32 (P,), the pieces' triangles; group : int32 (P,), those that lie together have the same number
     area : float32 (P,), of the pieces in the world [m^2]
     instances : uint8 (I,), MAY_* bits: those that move neither cast nor gather
     lights : LightArrays, by the tree alone: nothing learned
@@ -63,6 +63,7 @@ class CasterArrays(Bundle):
     first_piece: Int32Array
     level: Int32Array
     row: Int32Array
+    group: Int32Array
     area: Float32Array
     instances: Uint8Array
     lights: LightArrays
@@ -114,7 +115,7 @@ def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int, 
 def no_casters(lights: LightArrays) -> CasterArrays:
     """`CasterArrays` of scenes without photons."""
     return CasterArrays(
-        **{name: np.zeros(0, np.int32) for name in ("first_row", "instance", "triangle", "first_piece", "level", "row")},
+        **{name: np.zeros(0, np.int32) for name in ("first_row", "instance", "triangle", "first_piece", "level", "row", "group")},
         area=np.zeros(0, np.float32), instances=np.zeros(0, np.uint8), lights=lights,
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from engine.kernels.bsdf import eval_bsdf
+from engine.kernels.bsdf import DIFFUSE_LOBES, eval_bsdf, share_lobes
 from engine.kernels.bsdf.evaluate import EVERY_KIND
 from engine.kernels.caster_pieces import piece_at
 from engine.kernels.caustics import LEAST_COSINE, expected_photons, gathers, ratio_at
@@ -127,6 +127,9 @@ def _gather(scene, work, lane):
                     value0 * value0 + value1 * value1 + value2 * value2
                 )
             if splits:
+                if paths.depth[lane] == 0:
+                    passes = work.passes
+                    share_lobes(closures, lane, wo, wi, EVERY_KIND, DIFFUSE_LOBES, passes.value, passes.share)
                 f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
                 _add(scene.options, paths, work.passes, lane, f_cos, np.int64(photons[row, PHOTON_GROUP]))
             else:
