@@ -17,7 +17,7 @@ from engine.array_types import Float32Array, Int32Array
 TRIED_PIXELS = 2048
 #: Photons take this much of the time of paths, and more where they are gathered; they must save more than that.
 _LEAST_GAIN = 1.15
-#: Share of pixels that are left out, those with the most noise: single ones tell nothing of the others.
+#: Share of pixels whose noise is left out, those with the most: single ones tell nothing of the others.
 _TRIMMED = 0.01
 #: Errors count relative to a pixel's value, and to this share of the mean.
 _DIM = 0.25
@@ -56,7 +56,7 @@ def gain_of_photons(first: Float32Array, second: Float32Array, gathered: Float32
     kept = max(int(len(noise) * (1.0 - _TRIMMED)), 1)
     with_photons = np.sort(noise / scale)[:kept].sum()
     light, moment = gathered[:, :2].astype(np.float64).T
-    added = np.sort(np.minimum(moment, _SAMPLES * light**2) / scale)[:kept].sum()
+    added = (np.minimum(moment, _SAMPLES * light**2) / scale).sum()
     return float((with_photons + added) / with_photons) if with_photons > 0.0 else 1.0
 
 
