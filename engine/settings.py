@@ -7,11 +7,13 @@ panels, the command line and docs/settings.md come from the declarations (`SETTI
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, TypeVar
 
 from engine.accuracy import ACCURACIES, MEASURED
 from engine.methods import METHODS, SOURCES, TRAINED_PREDICTORS, TRAINING_DEVICES, Method, rungs_of
+from engine.setting_choices import CAUSTICS, DENOISING_PASSES, DENOISING_QUALITIES, PREFILTERS, SPECTRAL
 
 #: Sections of settings for experiments.
 EXPERIMENT_SECTIONS = ("Learning", "Candidates", "Neural Mixtures", "Time and Wavelengths", "Paths")
@@ -39,6 +41,11 @@ class Choice(NamedTuple):
     name: str
     label: str
     sentence: str
+
+
+
+def _choices(facts: Iterable[tuple[str, str, str]]) -> tuple[Choice, ...]:
+    return tuple(Choice(*one) for one in facts)
 
 
 @dataclass(frozen=True)
@@ -195,30 +202,15 @@ class RenderSettings:
     radiance_cache: str = _declare(
         "OFF", "Accuracy",
         "Whether paths end early with the light that was learned. Rooms have several times less noise in the same time",
-        "Guiding", scene_default="AUTO", choices=tuple(Choice(*facts) for facts in ACCURACIES),
+        "Guiding", scene_default="AUTO", choices=_choices(ACCURACIES),
     )
     caustics: str = _declare(
-        "PATHS", "Caustics",
-        "How light is found that lamps send through glass and over mirrors onto other surfaces", "Sampling",
-        scene_default="AUTO", choices=(
-            Choice("PATHS", "Paths", "By paths from the camera, which seldom meet a small lamp that way"),
-            Choice(
-                "PHOTONS", "Photons",
-                "By photons from the lamps too: caustics are blurred a little at first, and get sharp. Filter Glossy "
-                "leaves smooth surfaces as they are",
-            ),
-            Choice(
-                "AUTO", "Automatic", "By photons where a trial finds that they pay and Filter Glossy is 0, else by paths"
-            ),
-        ),
+        "PATHS", "Caustics", "How light is found that lamps send through glass and over mirrors onto other surfaces",
+        "Sampling", scene_default="AUTO", choices=_choices(CAUSTICS),
     )
     spectral: str = _declare(
         "AUTO", "Spectral", "Whether light has wavelengths, or red, green and blue", "Sampling",
-        choices=(
-            Choice("AUTO", "Automatic", "Where a material disperses light"),
-            Choice("ON", "On", "In every scene"),
-            Choice("OFF", "Off", "Never: what disperses light does not"),
-        ),
+        choices=_choices(SPECTRAL),
     )
     use_denoising: bool = _declare(
         False, "Denoise",
@@ -227,27 +219,15 @@ class RenderSettings:
     )
     denoising_input_passes: str = _declare(
         "RGB_ALBEDO_NORMAL", "Passes", "What the denoiser tells detail from noise by, besides the picture",
-        "Denoising", choices=(
-            Choice("RGB", "None", "The picture alone"),
-            Choice("RGB_ALBEDO", "Albedo", "The colours of surfaces"),
-            Choice("RGB_ALBEDO_NORMAL", "Albedo and Normal", "The colours of surfaces, and where they face"),
-        ),
+        "Denoising", choices=_choices(DENOISING_PASSES),
     )
     denoising_prefilter: str = _declare(
         "ACCURATE", "Prefilter", "What is done with albedo and normal, which have noise too", "Denoising",
-        choices=(
-            Choice("NONE", "None", "Nothing: they are taken to be free of noise"),
-            Choice("FAST", "Fast", "They are denoised together with the picture"),
-            Choice("ACCURATE", "Accurate", "They are denoised first, which takes longer"),
-        ),
+        choices=_choices(PREFILTERS),
     )
     denoising_quality: str = _declare(
         "HIGH", "Quality", "How much time the denoiser takes", "Denoising",
-        choices=(
-            Choice("HIGH", "High", "As well as possible"),
-            Choice("BALANCED", "Balanced", "Nearly as well, in less time"),
-            Choice("FAST", "Fast", "In the least time, for previews"),
-        ),
+        choices=_choices(DENOISING_QUALITIES),
     )
     denoised_threshold: float = _declare(
         0.0, "Denoised Noise",

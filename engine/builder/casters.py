@@ -61,7 +61,11 @@ def build_casters(
     stands = (flags & INSTANCE_FLAG_MOVING == 0) & (of_mesh[:, MESH_MOTION] < 0)
     stands &= flags & (INSTANCE_FLAG_CATCHER | INSTANCE_FLAG_HOLDOUT) == 0
     has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES) & (table[:, INSTANCE_VISIBILITY] != 0)
-    first_row, rows, triangles, areas, middles = np.full(len(table), -1, np.int32), [], [], [], []
+    first_row = np.full(len(table), -1, np.int32)
+    rows: list[np.ndarray] = []
+    triangles: list[np.ndarray] = []
+    areas: list[np.ndarray] = []
+    middles: list[np.ndarray] = []
     for instance in np.flatnonzero(has_faces):
         mesh = meshes[table[instance, INSTANCE_MESH]]
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
@@ -70,7 +74,7 @@ def build_casters(
         smooth = is_smooth[material] != 0
         if not smooth.any():
             continue
-        first_row[instance] = sum(map(len, rows))
+        first_row[instance] = sum(len(row) for row in rows)
         rows.append(np.full(count, instance, np.int32))
         triangles.append(np.arange(first, first + count, dtype=np.int32))
         corners = _corners(geometry, instance, triangles[-1])

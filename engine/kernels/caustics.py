@@ -2,8 +2,10 @@
 """Light that both paths and photons find: what each counts, and who may.
 
 A photon begins at a place on a caster, in the direction of a light sample there, and goes on by delta lobes alone. A
-path finds the same light where it leaves a surface that gathers photons, meets delta lobes alone, and then the lamp.
-Both densities are of the same pair of a place on the lamp and a direction, so that the chain's own focusing cancels.
+path finds the same light where it leaves a surface that gathers photons, meets delta lobes alone, and then the lamp:
+RAY_GATHERED says that the last surface which was not one of delta lobes gathers photons, RAY_CAUSTIC that the last
+delta lobe behind it was a caster's. Both densities are of the same pair of a place on the lamp and a direction, so that
+the chain's own focusing cancels.
 
 References: Georgiev et al. 2012, "Light Transport Simulation with Vertex Connection and Merging", Eqs. (5) and (7):
 the density of merging is that of a photon within the disc; Veach 1997, Eq. (9.8): the balance heuristic.

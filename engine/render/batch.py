@@ -18,8 +18,8 @@ from engine.guiding.records.unit_records import UnitRecords
 from engine.guiding.records.vertices import RECORD_ROWS, allocate_log, allocate_vertex_records
 from engine.guiding.sampling.guide import allocate_guide_of, with_field
 from engine.kernels.clock import begin
-from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.render.photon_maps import CHUNK
+from engine.ris.candidates import CANDIDATE_ROWS, allocate_candidates
 from engine.runtime.bundle import Bundle
 from engine.runtime.stage_table import StageTable
 from engine.settings import RenderSettings

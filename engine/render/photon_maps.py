@@ -27,9 +27,9 @@ from engine.state.photons import (
     MAP_NUMBERS,
     MAP_RADIUS,
     MAP_SCALE,
-    CasterArrays,
     PHOTON_P,
     PHOTON_WIDTH,
+    CasterArrays,
     PhotonMap,
     no_photons,
 )
@@ -54,7 +54,8 @@ _KEPT = 3
 #: Radius where too few photons arrive to tell, over the square root of the casters' area.
 _LARGE = 0.05
 
-#: Sends off photons, which begin as a map without any says: from the first, so many; what arrives is float32 (F, PHOTON_WIDTH), or None: it was stopped.
+#: Sends off photons, which begin as a map without any says: from the first, so many; what arrives is float32
+#: (F, PHOTON_WIDTH), or None: it was stopped.
 SendOff = Callable[[PhotonMap, int, int], Float32Array | None]
 #: By a map without photons: radius of a pixel where it gathers photons [m], 0: nowhere, and how often paths that had
 #: gathered some have met each piece of the casters; None: it was stopped.
@@ -62,7 +63,7 @@ Look = Callable[[PhotonMap], tuple[float, Float32Array] | None]
 #: What photons gain by a map, 0: they do not pay; None: it was stopped.
 TryOut = Callable[[PhotonMap], float | None]
 
-_NO_PHOTONS = no_photons()
+NO_PHOTONS = no_photons()
 
 
 def samples_of_map(number: int) -> tuple[int, int]:
@@ -131,7 +132,7 @@ class PhotonMaps:
         Where a trial says that photons do not pay, it is one without any.
         """
         if self.gain == 0.0:
-            return _NO_PHOTONS
+            return NO_PHOTONS
         with self._trial:
             if self._pixel_radius is None and (seen := look(self._begins)) is not None:
                 self._pixel_radius, counts = seen
@@ -149,7 +150,7 @@ class PhotonMaps:
                 return None
             if self.gain == 0.0:
                 self._maps.clear()
-                return _NO_PHOTONS
+                return NO_PHOTONS
         return self._made(map_of_sample(sample), send_off)
 
     def _photons_of(self, number: int) -> int:
@@ -254,4 +255,5 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     header[MAP_BUCKETS], header[MAP_EMITTED] = buckets, emitted
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
-    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH))
+    in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)
+    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, in_order)

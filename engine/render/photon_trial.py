@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whether photons are worth their time: by a few pixels, before the picture begins, the same whoever tries them.
 
-What photons gather says what paths alone would find of the same light, and how noisy that would be: light that n photons
-bring for each path that finds it is n times as much when a path does. So one trial with photons tells both.
+What photons gather says what paths alone would find of the same light, and how noisy that would be: light that n
+photons bring for each path that finds it is n times as much when a path does. So one trial with photons tells both.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ def gain_of_photons(first: Float32Array, second: Float32Array, gathered: Float32
     if not scale.min() > 0.0:
         return 1.0
     kept = max(int(len(noise) * (1.0 - _TRIMMED)), 1)
-    with_photons = np.sort(noise / scale)[:kept].sum()
+    with_photons = np.sort(noise / scale)[:kept].mean()
     light, moment = gathered[:, :2].astype(np.float64).T
-    added = (np.minimum(moment, _SAMPLES * light**2) / scale).sum()
+    added = (np.minimum(moment, _SAMPLES * light**2) / scale).mean()
     return float((with_photons + added) / with_photons) if with_photons > 0.0 else 1.0
 
 

@@ -183,6 +183,7 @@ def _compile_subsurface() -> None:
     _render("OFF", scene=scene)
     _compile_node_rays()
     _compile_fast_gi()
+    _compile_photons()
 
 
 def _compile_node_rays() -> None:
@@ -201,6 +202,13 @@ def _compile_fast_gi() -> None:
         scene.fast_gi = fast_gi
         for spectral in ("OFF", "ON"):
             _render("OFF", scene=scene, spectral=spectral)
+
+
+def _compile_photons() -> None:
+    scene = small_scene()
+    mirror = Node("ShaderNodeBsdfAnisotropic", "Mirror", {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": 0.0})
+    scene.materials[0].graph = NodeGraph([mirror], Link(0, "BSDF"))
+    _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0)
 
 
 def _compile_curves() -> None:

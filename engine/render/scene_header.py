@@ -56,7 +56,7 @@ def _world_is_constant(scene: Scene) -> bool:
     return scene.world_program < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
 
 
-def scene_header(scene: Scene, settings: RenderSettings, *, has_photons: bool = False) -> Int64Array:
+def scene_header(scene: Scene, settings: RenderSettings) -> Int64Array:
     """`SceneView.header`: int64 (SCENE_HEADER_WIDTH,)."""
     lights, media, world = scene.lights.header, scene.media, scene.description.world
     has_suns = lights[HEADER_LAST_DISTANT] > lights[HEADER_FIRST_DISTANT]
@@ -82,7 +82,7 @@ def scene_header(scene: Scene, settings: RenderSettings, *, has_photons: bool = 
     numbers[SCENE_SHIFTS_SHADING] = (scene.geometry.instance_values[:, VALUE_SHADING_OFFSET] > 0.0).any()
     numbers[SCENE_SHORTENS] = scene.description.fast_gi.bounces > 0
     numbers[SCENE_ADDS_LIGHT] = scene.description.fast_gi.added != 0.0
-    numbers[SCENE_HAS_PHOTONS] = has_photons
+    numbers[SCENE_HAS_PHOTONS] = settings.traces_photons
     numbers[SCENE_BAKES] = scene.description.bake is not None
     return numbers
 

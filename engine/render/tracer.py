@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,8 +23,7 @@ from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
-from engine.render.photon_maps import PhotonMaps
-from engine.render.photon_trial import TracePixels, photons_pay, pixel_radius
+from engine.render.photon_tracing import PhotonTracing
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
 from engine.render.unit_header import unit_header
@@ -36,11 +36,10 @@ from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
-from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, PhotonMap, no_photons
+from engine.state.photons import PhotonMap, no_photons
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
-    PHOTONS,
     SCENE_HAS_EMITTERS,
     SCENE_HAS_ROUNDS,
     SCENE_IS_SPECTRAL,
@@ -51,8 +50,6 @@ from engine.wavefront.columns import (
     UNIT_PREDICTS,
     UNIT_RECORD_THRESHOLD,
     UNIT_SAMPLE_FIRST,
-    UNIT_SEED,
-    UNIT_SHADER_MODE,
     UNIT_SHOWS_BACKGROUND,
     UNIT_SPLITS_LIGHT,
     UNIT_STRATA,
@@ -64,16 +61,12 @@ from engine.wavefront.columns import (
 )
 from engine.wavefront.options import make_guiding_options, make_options
 from engine.wavefront.stages import STAGES, Loop, stage_arguments
-from engine.wavefront.trace_rounds import trace_photons, trace_rounds
+from engine.wavefront.trace_rounds import trace_rounds
 from engine.wavefront.work import NoModel, RadianceView, SceneView, UnitView
 
 #: By which units' costs are compared: a thread's own time, which no other program lengthens, where it is fine.
 _IS_FINE = time.get_clock_info("thread_time").resolution <= 1e-5
 _UNIT_CLOCK: Callable[[], float] = time.thread_time if _IS_FINE else time.perf_counter
-#: A radius within which there are no photons, but all that may gather some does [m].
-_NEXT_TO_NOTHING = 1e-30
-#: Makes of a render's seed that of a trial.
-_TRIAL_SEED = 0x2545F491
 #: Entries of the unit's header that are for paths of the picture alone.
 _OF_NO_FOLLOWER = [
     UNIT_RECORD_THRESHOLD, UNIT_IS_GUIDED, UNIT_USE_FEATURES, UNIT_USE_DENOISING, UNIT_SPLITS_LIGHT, UNIT_USE_OCCLUSION,
@@ -93,6 +86,22 @@ def _with_clearance(scene: Scene) -> np.ndarray:
     return real
 
 
+def _view_of(scene: Scene, settings: RenderSettings, layout: FilmLayout) -> SceneView:
+    """The scene with these settings as kernels read it."""
+    description = scene.description
+    options = make_options(
+        settings, description.frame.exposure, description.passes.occlusion_distance, description.fast_gi
+    )
+    return SceneView(
+        scene_header(scene, settings), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
+        scene.camera.filter,
+        tables_for(description.to_xyz) if settings.channel_count > RGB else no_spectral_tables(),
+        scene.geometry, scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
+        build_data_view(scene, layout.data.options), scene.bake, scene.casters, no_photons(),
+        scene.local_scenes.handles, options,
+    )  # fmt: skip
+
+
 def _link_of(model: CandidateModel, batch: Batch) -> object:
     """What decides whether a stage that asks a model can ask another."""
     return model.kernel, model.memory(None)._numba_type_, batch.work.candidates._numba_type_
@@ -102,21 +111,6 @@ def _lanes_in_flight(view: SceneView, arm: Arm) -> int:
     """How many paths a unit has at once."""
     has_few = view.header[SCENE_HAS_ROUNDS] != 0 and arm.guidance is None
     return LANES_AMONG_STRANDS if has_few else LANE_COUNT
-
-
-def _photon_maps(scene: Scene, settings: RenderSettings) -> PhotonMaps | None:
-    """The maps of a render with photons."""
-    if not settings.traces_photons:
-        return None
-    x0, y0, x1, y1 = scene.description.frame.region
-    is_tried = settings.caustics == "AUTO"
-    return PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried)
-
-
-def _of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Of what `trace_rounds` takes, that which `trace_photons` does."""
-    stages, scene, unit, guidance, _, work, stop = arguments
-    return stages, scene, unit, guidance, work, stop
 
 
 def _radiance_of(guidance: Guidance | None, nothing: RadianceView) -> RadianceView:
@@ -143,29 +137,19 @@ class Tracer:
         #: What the kernels in the table are linked for: types, and which stages have something to do.
         self._linked_for: object = None
         self._python_loop = in_python(trace_rounds)
-        self._node_rays = LinkedNodeRays()
+        self._node_rays, self._photons = LinkedNodeRays(), PhotonTracing()
         self.take(scene, settings, layout)
 
     def take(self, scene: Scene, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT) -> None:
         """Be ready to trace this scene with these settings; what was learned is forgotten."""
         channel_count = settings.channel_count
-        self.seed, self._region = settings.seed, scene.description.frame.region
+        self.seed = settings.seed
         self.divides_wavelengths = settings.u_dimension == "WAVELENGTH"
         self.layout = layout
         self._traces = scene.traces
         self.mode = MODE_CLOSURES | (0 if settings.use_caustics_reflective else MODE_NO_REFLECTIVE_CAUSTICS)
         self.mode |= 0 if settings.use_caustics_refractive else MODE_NO_REFRACTIVE_CAUSTICS
-        description = scene.description
-        options = make_options(
-            settings, description.frame.exposure, description.passes.occlusion_distance, description.fast_gi
-        )
-        self.view = SceneView(
-            scene_header(scene, settings, has_photons=settings.traces_photons), _with_clearance(scene), scene.camera.motion, scene.camera.shutter,
-            scene.camera.filter, tables_for(description.to_xyz) if channel_count > RGB else no_spectral_tables(),
-            scene.geometry, scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
-            build_data_view(scene, layout.data.options), scene.bake, scene.casters, no_photons(),
-            scene.local_scenes.handles, options,
-        )
+        self.view = _view_of(scene, settings, layout)
         #: Called with (kind, paths or shadow rays, lanes, count) before rays are traced; for benchmarks.
         self.ray_observer: Callable[..., None] | None = None
         nothing = np.zeros(1, np.float32)
@@ -173,7 +157,7 @@ class Tracer:
             "field": no_field(), "allocation": no_allocation(), "probability": nothing, "light_share": nothing,
             "benefit": nothing,
         }
-        self._photon_maps = _photon_maps(scene, settings)
+        self._photons.take(scene, settings)
         self._no_radiance = RadianceView(
             no_table(channel_count), NoModel(np.zeros(1, np.uint8)), no_cells(), no_roulette_field()
         )
@@ -196,7 +180,7 @@ class Tracer:
         """A new table: the types of the stages' arguments follow from scene and settings."""
         self.stages = StageTable(STAGES)
         self._compiled_loop: BoundKernel | None = None
-        self._photon_loop: BoundKernel | None = None
+        self._photons.unlink()
         #: What `ask_model` is linked for.
         self._asked: object = None
 
@@ -218,17 +202,11 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        piece_count = len(self.view.casters.area)
-        key = (count, pixel_count, is_guided, records, self.layout, settings, piece_count)
+        room: dict[str, Any] = {"is_guided": is_guided, "records": records, "piece_count": len(self.view.casters.area)}
+        key = (count, pixel_count, self.layout, settings, *room.values())
         if key != self._batch_key:
             self._batches, self._batch_key = [], None
-            self._batches = [
-                Batch(
-                    shaders, pixel_count, settings, self.layout, is_guided=is_guided, records=records,
-                    piece_count=piece_count,
-                )
-                for _ in range(count)
-            ]
+            self._batches = [Batch(shaders, pixel_count, settings, self.layout, **room) for _ in range(count)]
             self._batch_key = key
         self._node_rays.ready(self._batches, self.view, self._traces)
         return self._batches
@@ -317,11 +295,9 @@ class Tracer:
         if hasattr(trace_rounds, "overloads"):
             loop = BoundKernel(trace_rounds)
             loop.bind(*arguments)
-            if is_linked and self._photon_maps is not None:
-                self._photon_loop = BoundKernel(trace_photons)
-                self._photon_loop.bind(*_of_photons(arguments))
             if is_linked:
                 self._compiled_loop = loop
+                self._photons.link(arguments)
         for model in self._models:
             self._link_model(model, batch)
 
@@ -400,15 +376,10 @@ class Tracer:
         bool
             False if it was stopped; the film is then incomplete.
         """
-        photons = None
-        if self._photon_maps is not None:
-            photons = self._photon_maps.map_of(
-                unit.sample_first, lambda begins, first, count: self._send_off_photons(batch, begins, first, count, stop),
-                lambda begins: self._look(batch, begins, stop),
-                lambda first_map: photons_pay(self._region, self.seed, self._trial_of(batch, first_map, stop)),
-            )
-            if photons is None:
-                return False
+        take, trace = partial(self._arguments, self.stages, batch, stop=stop), self._compiled_loop or self._python_loop
+        photons = self._photons.map_of(unit.sample_first, batch, take, trace)
+        if photons is None:
+            return False
         batch.begin(_lanes_in_flight(self.view, self._arms[unit.arm]))
         started, cost_from = time.perf_counter(), _UNIT_CLOCK()
         model = self._arms[unit.arm].model
@@ -430,64 +401,6 @@ class Tracer:
         cost = seconds if ask is not None else _UNIT_CLOCK() - cost_from
         batch.count(unit, seconds, cost, is_finished=bool(is_finished))
         return bool(is_finished)
-
-    def _send_off_photons(
-        self, batch: Batch, begins: PhotonMap, first: int, count: int, stop: np.ndarray
-    ) -> np.ndarray | None:
-        """Trace photons in a thread's memory; what has arrived, or None if it was stopped."""
-        if stop[0]:
-            return None
-        unit = Unit(np.zeros((1, 2), np.int32), np.zeros(1, np.int32), first, count, arm=PLAIN)
-        batch.begin()
-        stages, view, unit_view, guidance, _, work, _ = self._arguments(self.stages, batch, unit, stop, begins)
-        header = unit_view.header
-        kept = header[[UNIT_SEED, UNIT_SHADER_MODE, UNIT_SAMPLE_FIRST, UNIT_PATH_COUNT, UNIT_SPLITS_LIGHT]]
-        header[:] = 0
-        header[[UNIT_SEED, UNIT_SHADER_MODE, UNIT_SAMPLE_FIRST, UNIT_PATH_COUNT, UNIT_SPLITS_LIGHT]] = kept
-        options = view.options._replace(
-            clamp_direct=np.float32(0.0), clamp_indirect=np.float32(0.0), inverse_light_threshold=np.float32(0.0)
-        )
-        scene = view._replace(options=options, lights=view.casters.lights)
-        loop: Callable[..., Any] = self._photon_loop or in_python(trace_photons)
-        if not loop(stages, scene, unit_view, guidance, work, stop):
-            return None
-        found: np.ndarray = work.photons.found[: work.counts[PHOTONS]].copy()
-        return found
-
-    def _look(self, batch: Batch, begins: PhotonMap, stop: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """See `photon_maps.Look`."""
-        numbers = begins.numbers.copy()
-        numbers[MAP_RADIUS] = _NEXT_TO_NOTHING
-        batch.work.photons.seen[:] = 0.0
-        radius = pixel_radius(
-            self._region, self.seed, self._trial_of(batch, begins._replace(numbers=numbers), stop)
-        )
-        return None if radius is None else (radius, batch.work.photons.seen.copy())
-
-    def _trial_of(self, batch: Batch, first_map: PhotonMap, stop: np.ndarray) -> TracePixels:
-        """What traces pixels of a trial in a thread's memory."""
-        header = first_map.header.copy()
-        header[MAP_IS_TRIED] = 1
-        tried, rows = first_map._replace(header=header), batch.work.photons.tried.shape[0]
-
-        def trace(pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray] | None:
-            values, gathered = [], []
-            for first in range(0, len(pixels), rows):
-                part = pixels[first : first + rows]
-                batch.begin()
-                batch.work.photons.tried[:] = 0.0
-                unit = Unit(part, np.zeros(len(part), np.int64), sample, 1, arm=PLAIN)
-                arguments = self._arguments(self.stages, batch, unit, stop, tried)
-                # Others than the picture's: what decides on it must not be part of it.
-                arguments[2].header[UNIT_SEED] ^= _TRIAL_SEED
-                arguments[2].header[_OF_NO_FOLLOWER] = 0
-                if not (self._compiled_loop or self._python_loop)(*arguments):
-                    return None
-                values.append(batch.film.radiance[: len(part)].copy())
-                gathered.append(batch.work.photons.tried[: len(part)].copy())
-            return np.concatenate(values), np.concatenate(gathered)
-
-        return trace
 
     def _arguments(
         self, stages: Any, batch: Batch, unit: Unit, stop: np.ndarray, photons: PhotonMap | None = None

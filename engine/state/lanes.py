@@ -69,8 +69,7 @@ RAY_TERMINATE_ON_NEXT_SURFACE = 8192
 RAY_ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 #: Only transparent surfaces since the camera: what is behind counts into alpha.
 RAY_TRANSPARENT_BACKGROUND = 16384
-#: Set by the shader's evaluation only: emission wanted, nothing else.
-RAY_EMISSION = 32768
+RAY_EMISSION = 32768  # set by the shader's evaluation only: emission wanted, nothing else
 RAY_PASSES_DONE = 65536  # passes of the first surface have been written
 RAY_CATCHER_HIT = 131072  # the camera's ray has met a shadow catcher
 #: The ray starts on the triangle that its path has hit, in place, and skips it.
@@ -79,10 +78,7 @@ RAY_STARTS_ON = 524288
 RAY_SHADOW_IN_PLACE = 1048576
 RAY_SUBSURFACE = 2097152  # the path's hit is where it comes out from below a surface: diffuse, seen from outside
 RAY_MIRRORS_DONE = 4194304  # what the path meets next is not seen in a mirror, nor through what is transparent
-#: Photons find what the ray may find too: behind a surface that gathers them it has met delta lobes only, the last one of
-#: a caster. And: the last surface that was not one of delta lobes gathers photons.
-RAY_CAUSTIC = 8388608
-RAY_GATHERED = 1073741824
+RAY_CAUSTIC, RAY_GATHERED = 1 << 23, 1 << 30  # photons find what the ray may find too (`kernels.caustics`)
 RAY_TREE_SHIFT, RAY_TREE_MASK = 24, 63 << 24  # light tree of what has scattered the ray (kernels.lights.linking)
 
 # Columns of ShadePoints.real (float32). Cycles' convention: on a back face both normals are flipped to face the viewer

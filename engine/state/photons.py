@@ -95,7 +95,7 @@ class PhotonLanes(Bundle):
     )
     density: Float32Array = column("of the lane's photon, PHOTON_DENSITY", "L")
     place_density: Float32Array = column(
-        "`PhotonMap.place_density` where the lane's photon begins, or at the last caster that its path has met [m^-2]", "L"
+        "`PhotonMap.place_density` where the photon began, or at the last caster that the path has met [m^-2]", "L"
     )
     seen: Float32Array = column("how often a trial's paths have met each piece of the casters", "Q")
     group: Int32Array = column("of its light", "L")
@@ -115,7 +115,7 @@ def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int, 
 def no_casters(lights: LightArrays) -> CasterArrays:
     """`CasterArrays` of scenes without photons."""
     return CasterArrays(
-        **{name: np.zeros(0, np.int32) for name in ("first_row", "instance", "triangle", "first_piece", "level", "row", "group")},
+        **{name: np.zeros(0, np.int32) for name in CasterArrays._fields[:7]},
         area=np.zeros(0, np.float32), instances=np.zeros(0, np.uint8), lights=lights,
     )  # fmt: skip
 

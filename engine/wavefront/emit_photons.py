@@ -113,9 +113,8 @@ def place_photons(scene, unit, work, queue):
         row, density = casters.row[piece], grid.place_density[piece]
         instance, triangle = np.int64(casters.instance[row]), np.int64(casters.triangle[row])
         root = math.sqrt(u1)
-        u, v = place_in_piece(
-            piece - np.int64(casters.first_piece[row]), casters.level[row], np.float32(1.0 - root), np.float32(u2 * root)
-        )
+        u, v = np.float32(1.0 - root), np.float32(u2 * root)
+        u, v = place_in_piece(piece - np.int64(casters.first_piece[row]), casters.level[row], u, v)
         time = sample_table(scene.shutter, time_u)
         p, ng, _ns, _error = surface_point(geometry, instance, triangle, u, v, time)
         if side_u < 0.5:

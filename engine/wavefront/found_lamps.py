@@ -66,6 +66,18 @@ def distance_to_lamp(lights, row, origin, wi, t_min, t_max, is_endless):
 
 
 @kernel
+def share_of_lamp(scene, work, lane, row, wi, distance):
+    """What a path counts of a lamp that photons find too; `distance` as `distance_to_lamp` says [m]."""
+    lights = scene.casters.lights
+    asking, cosine = caster_receiver(work.paths, lane, lights)
+    if row < lights.header[HEADER_HITTABLE]:
+        pdf = lamp_pdf(lights, row, asking, wi, distance)
+    else:
+        pdf = distant_lamp_pdf(lights, row, asking, wi)
+    return share_of_path(scene, work, lane, pdf, cosine)
+
+
+@kernel
 def weigh_lamp(scene, work, lane, row, origin, wi, distance):
     """What leaves a lamp towards a ray, MIS weight included, and how clamping sees it."""
     paths = work.paths
@@ -74,12 +86,7 @@ def weigh_lamp(scene, work, lane, row, origin, wi, distance):
     factor = lamp_leaving(lights, row, origin, wi) if is_local else distant_lamp_leaving(lights, row, origin, wi)
     unguided = found_alone(paths.unguided[lane])
     if factor > 0.0 and flags & RAY_CAUSTIC:
-        asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
-        if is_local:
-            pdf = lamp_pdf(scene.casters.lights, row, asking, wi, distance)
-        else:
-            pdf = distant_lamp_pdf(scene.casters.lights, row, asking, wi)
-        factor *= share_of_path(scene, work, lane, pdf, cosine)
+        factor *= share_of_lamp(scene, work, lane, row, wi, distance)
     elif factor > 0.0 and options.use_nee != 0 and not flags & RAY_MIS_SKIP:
         tree = tree_of_ray(lights, flags)
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0

@@ -66,6 +66,18 @@ def _hold_out(closures, lane):
 
 
 @kernel
+def _share_of_surface(scene, work, lane):
+    """What a path counts of a glowing surface that photons find too."""
+    paths, lights = work.paths, scene.casters.lights
+    asking, cosine = caster_receiver(paths, lane, lights)
+    pdf = triangle_emitter_pdf(
+        lights, scene.geometry, asking, paths.hit_instance[lane], paths.hit_triangle[lane], load(paths.direction, lane),
+        paths.mis_distance[lane] + paths.hit_distance[lane], paths.time[lane],
+    )
+    return share_of_path(scene, work, lane, pdf, cosine)
+
+
+@kernel
 def shade_emission(scene, unit, work, queue):
     """Add emission with the MIS weight of having found it by scattering; then divide by the survival probability.
 
@@ -107,13 +119,7 @@ def shade_emission(scene, unit, work, queue):
             weight = np.float32(1.0)
             unguided = found_alone(paths.unguided[lane])
             if flags & RAY_CAUSTIC:
-                receiver, cosine = caster_receiver(paths, lane, scene.casters.lights)
-                pdf = triangle_emitter_pdf(
-                    scene.casters.lights, geometry, receiver, instance, paths.hit_triangle[lane],
-                    load(paths.direction, lane), paths.mis_distance[lane] + paths.hit_distance[lane], paths.time[lane],
-                )
-                if not has_blockers(lights, triangle_emitter(lights, receiver.tree, instance, paths.hit_triangle[lane])):
-                    weight = share_of_path(scene, work, lane, pdf, cosine)
+                weight = _share_of_surface(scene, work, lane)
             elif options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 receiver = Receiver(
                     load(paths.mis_origin, lane), load(paths.mis_normal, lane),

@@ -7,7 +7,6 @@ a program tells have stages of their own (`varying_lamps.py`).
 """
 
 
-from engine.kernels.caustics import caster_receiver, share_of_path
 from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT
 from engine.kernels.lights import (
@@ -43,7 +42,7 @@ from engine.state.lights import (
     LAMP_PROGRAM,
     LAMP_VISIBILITY,
 )
-from engine.wavefront.found_lamps import add_lamp, write_lamp_radiance
+from engine.wavefront.found_lamps import add_lamp, share_of_lamp, write_lamp_radiance
 
 
 @kernel
@@ -57,8 +56,7 @@ def shade_lights(scene, unit, work, queue):
     lights, options, paths = scene.lights, scene.options, work.paths
     lanes, lane_count = queue.lanes, queue.count[0]
     hittable_count = lights.header[HEADER_HITTABLE]
-    first_distant = lights.header[HEADER_FIRST_DISTANT]
-    last_distant = lights.header[HEADER_LAST_DISTANT]
+    first_distant, last_distant = lights.header[HEADER_FIRST_DISTANT], lights.header[HEADER_LAST_DISTANT]
     if hittable_count == 0 and first_distant == last_distant:
         return
     for k in range(lane_count):
@@ -71,10 +69,9 @@ def shade_lights(scene, unit, work, queue):
         is_camera = flags & RAY_CAMERA
         counts_whole = options.use_nee == 0 or (flags & RAY_MIS_SKIP) != 0
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
-        origin = load(paths.mis_origin, lane)
+        origin, wi = load(paths.mis_origin, lane), load(paths.direction, lane)
         tree = tree_of_ray(lights, flags)
         receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False, tree)
-        wi = load(paths.direction, lane)
         t_min = paths.mis_distance[lane]
         # Media may go on behind the end of a short ray.
         t_max = min(t_min + paths.hit_distance[lane], paths.reach[lane])
@@ -96,9 +93,7 @@ def shade_lights(scene, unit, work, queue):
                 continue
             unguided = found_alone(paths.unguided[lane])
             if flags & RAY_CAUSTIC:
-                asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
-                pdf = lamp_pdf(scene.casters.lights, row, asking, wi, distance)
-                factor *= share_of_path(scene, work, lane, pdf, cosine)
+                factor *= share_of_lamp(scene, work, lane, row, wi, distance)
             elif not counts_whole:
                 pdf = lamp_pdf(lights, row, receiver, wi, distance)
                 emitter = lamp_emitter(lights, tree, row)
@@ -123,9 +118,7 @@ def shade_lights(scene, unit, work, queue):
             factor = distant_lamp_leaving(lights, row, origin, wi)
             unguided = found_alone(paths.unguided[lane])
             if flags & RAY_CAUSTIC:
-                asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
-                pdf = distant_lamp_pdf(scene.casters.lights, row, asking, wi)
-                factor *= share_of_path(scene, work, lane, pdf, cosine)
+                factor *= share_of_lamp(scene, work, lane, row, wi, DISTANT)
             elif not counts_whole:
                 pdf = distant_lamp_pdf(lights, row, receiver, wi)
                 emitter = lamp_emitter(lights, tree, row)

@@ -49,7 +49,7 @@ from engine.wavefront.columns import (
 
 
 @kernel
-def _evaluate(stages, scene, work, points, closures, queue, mode):
+def evaluate(stages, scene, work, points, closures, queue, mode):
     """Run the shader programs at points; `closures` are in RGB."""
     stages.evaluate_shaders(
         scene.shaders, scene.geometry, scene.tables, points, closures, queue.lanes, queue.count[0], work.registers, mode
@@ -63,7 +63,7 @@ def _evaluate_background(stages, scene, unit, work, queue):
         stages.fill_background(scene, unit, work, queue)
     else:
         stages.prepare_background(scene, unit, work, queue)
-        _evaluate(stages, scene, work, work.points, work.shaded, queue, MODE_EMISSION)
+        evaluate(stages, scene, work, work.points, work.shaded, queue, MODE_EMISSION)
     if scene.header[SCENE_IS_SPECTRAL] != 0:
         stages.upsample_emission(scene, work, work.points, work.closures, queue)
 
@@ -100,7 +100,7 @@ def _look_up_media(stages, scene, unit, work):
     """Say what media are at the places where rays may collide with them."""
     if scene.header[SCENE_HAS_MOVING_MEDIA] != 0:
         stages.move_media(scene, unit, work, work.tracked)
-    _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
+    evaluate(stages, scene, work, work.light_points, work.light_shaded, work.tracked, MODE_MEDIUM)
 
 
 @kernel
@@ -143,7 +143,7 @@ def _trace_shadows(stages, scene, unit, work):
         if work.pending.count[0] > 0:
             if scene.header[SCENE_HAS_ROUNDS] != 0:
                 stages.prepare_passed_rounds(scene, unit, work, work.pending)
-            _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.pending, MODE_TRANSPARENCY)
+            evaluate(stages, scene, work, work.light_points, work.light_shaded, work.pending, MODE_TRANSPARENCY)
     mark(work.clock, CLOCK.intersect_shadow)
 
 
@@ -162,7 +162,7 @@ def _connect_lights(stages, scene, unit, guidance, work, is_guided):
     """What follows once lights are chosen: evaluate, connect, trace."""
     clock = work.clock
     if work.programs.count[0] > 0:
-        _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
+        evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
         mark(clock, CLOCK.evaluate_light_shaders)
     if scene.header[SCENE_IS_SPECTRAL] != 0:
         stages.upsample_lights(scene, unit, work, work.lit)
@@ -180,7 +180,7 @@ def _connect_lights(stages, scene, unit, guidance, work, is_guided):
 
 
 @kernel
-def _sample_lights(stages, scene, unit, guidance, work):
+def sample_lights(stages, scene, unit, guidance, work):
     """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
     stages.choose_lights(scene, unit, work, work.surface)
     mark(work.clock, CLOCK.choose_lights)
@@ -258,7 +258,7 @@ def _guide_collisions(stages, scene, unit, guidance, radiance, work):
 
 
 @kernel
-def _prepare_surfaces(stages, scene, unit, work):
+def prepare_surfaces(stages, scene, unit, work):
     """Set up the points that rays have met."""
     stages.prepare_surface(scene, unit, work, work.traced)
     if scene.header[SCENE_HAS_ROUNDS] != 0:
@@ -271,7 +271,7 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     """Run the programs of what was hit, add what it emits, and ready the lanes for guiding."""
     clock, is_spectral = work.clock, scene.header[SCENE_IS_SPECTRAL] != 0
     is_guided, use_features = unit.header[UNIT_IS_GUIDED] != 0, unit.header[UNIT_USE_FEATURES] != 0
-    _evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
+    evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
     if scene.header[SCENE_HAS_SUBSURFACE] != 0:
         stages.leave_subsurface(scene, unit, work, work.surface)
     if scene.header[SCENE_SHIFTS_SHADING] != 0:
@@ -306,6 +306,9 @@ def _shade_surfaces(stages, scene, unit, guidance, work):
     if is_guided and use_features:
         stages.write_guiding(scene, unit, guidance, work, work.surface)
         mark(clock, CLOCK.write_guiding)
+    if scene.header[SCENE_HAS_PHOTONS] != 0:
+        stages.gather_photons(scene, unit, work, work.surface)
+        mark(clock, CLOCK.gather_photons)
 
 
 @kernel
@@ -337,7 +340,7 @@ def _follow_rays(stages, scene, unit, work):
     if scene.header[SCENE_HAS_VARYING_LAMPS] != 0:
         stages.meet_varying_lamps(scene, unit, work, work.traced)
         if work.programs.count[0] > 0:
-            _evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
+            evaluate(stages, scene, work, work.light_points, work.light_shaded, work.programs, MODE_EMISSION)
             if scene.header[SCENE_IS_SPECTRAL] != 0:
                 stages.upsample_emission(scene, work, work.light_points, work.light_closures, work.programs)
             stages.keep_varying_lamps(scene, unit, work, work.programs)
@@ -353,6 +356,19 @@ def _follow_footprints(stages, scene, unit, work):
         stages.follow_collisions(scene, unit, work, work.active)
     stages.follow_footprints(scene, unit, work, work.surface)
     mark(work.clock, CLOCK.end_in_cache)
+
+
+@kernel
+def _note_scattering(stages, scene, unit, work):
+    """Say of paths that were sent on what they carry, and who else may find what they meet next."""
+    if scene.header[SCENE_HAS_PHOTONS] != 0:
+        stages.mark_caustics(scene, unit, work, work.surface)
+        mark(work.clock, CLOCK.gather_photons)
+    if unit.header[UNIT_SPLITS_LIGHT] != 0:
+        stages.split_scattered(scene, unit, work, work.surface)
+        mark(work.clock, CLOCK.split_light)
+    if unit.header[UNIT_USES_CACHE] != 0:
+        _follow_footprints(stages, scene, unit, work)
 
 
 @kernel
@@ -432,14 +448,11 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.sample_medium)
         if unit.header[UNIT_CATCHES] != 0:
             _catch_shadows(stages, scene, unit, work)
-        _prepare_surfaces(stages, scene, unit, work)
+        prepare_surfaces(stages, scene, unit, work)
         _end_early(stages, scene, unit, radiance, work)
         if work.missed.count[0] > 0:
             _shade_background(stages, scene, unit, work)
         _shade_surfaces(stages, scene, unit, guidance, work)
-        if scene.header[SCENE_HAS_PHOTONS] != 0:
-            stages.gather_photons(scene, unit, work, work.surface)
-            mark(clock, CLOCK.gather_photons)
         if has_media:
             stages.prepare_collisions(scene, unit, work, work.collided)
             mark(clock, CLOCK.sample_medium)
@@ -447,7 +460,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
                 stages.prepare_collision_guides(scene, unit, guidance, work, work.collided)
                 mark(clock, CLOCK.prepare_guides)
         if scene.header[SCENE_HAS_EMITTERS] != 0:
-            _sample_lights(stages, scene, unit, guidance, work)
+            sample_lights(stages, scene, unit, guidance, work)
         if has_media:
             if guides_media:
                 _guide_collisions(stages, scene, unit, guidance, radiance, work)
@@ -463,14 +476,7 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if has_media:
             stages.cross_boundaries(scene, unit, work, work.surface)
             mark(clock, CLOCK.sample_medium)
-        if scene.header[SCENE_HAS_PHOTONS] != 0:
-            stages.mark_caustics(scene, unit, work, work.surface)
-            mark(clock, CLOCK.gather_photons)
-        if unit.header[UNIT_SPLITS_LIGHT] != 0:
-            stages.split_scattered(scene, unit, work, work.surface)
-            mark(clock, CLOCK.split_light)
-        if unit.header[UNIT_USES_CACHE] != 0:
-            _follow_footprints(stages, scene, unit, work)
+        _note_scattering(stages, scene, unit, work)
         if unit.header[UNIT_RECORD_THRESHOLD] != 0:
             stages.collect_records(scene, unit, work, work.active)
             if unit.header[UNIT_USES_CACHE] != 0:
@@ -478,45 +484,4 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
             mark(clock, CLOCK.collect_records)
         stages.accumulate(scene, unit, work, work.active)
         mark(clock, CLOCK.accumulate)
-    return 0
-
-
-@kernel
-def trace_photons(stages, scene, unit, guidance, work, stop):
-    """Send a unit's photons off, and follow them; those that have arrived are in `work.photons.found`.
-
-    Parameters
-    ----------
-    stages, scene, guidance, work, stop
-        As `trace_rounds` takes them.
-    unit : UnitView
-        Its samples are the photons.
-
-    Returns
-    -------
-    int
-        1 if all have ended.
-    """
-    has_media = scene.header[SCENE_HAS_MEDIA] != 0
-    while stop[0] == 0:
-        stages.place_photons(scene, unit, work, work.active)
-        if work.active.count[0] == 0:
-            return 1
-        if has_media:
-            stages.start_media(scene, unit, work, work.active)
-        _sample_lights(stages, scene, unit, guidance, work)
-        stages.launch_photons(scene, unit, work, work.active)
-        while work.traced.count[0] > 0:
-            _prepare_surfaces(stages, scene, unit, work)
-            _evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
-            stages.keep_photons(scene, unit, work, work.surface)
-            if has_media:
-                stages.cross_boundaries(scene, unit, work, work.surface)
-            stages.follow_photons(scene, unit, work, work.active)
-            if work.traced.count[0] > 0:
-                stages.intersect_closest(scene, unit, work, work.traced)
-                if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
-                    stages.find_gaps(scene, unit, work, work.traced)
-                if has_media:
-                    stages.sample_medium(scene, unit, work, work.traced)
     return 0

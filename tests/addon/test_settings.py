@@ -17,7 +17,7 @@ from tests.helpers.fake_engine import FakeEngine
 
 #: Programs say what they want; a user of Blender gets what pays, and else what Cycles does by default.
 DEFAULTS = RenderSettings(
-    guiding_method="AUTO", radiance_cache="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True,
+    guiding_method="AUTO", radiance_cache="AUTO", caustics="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True,
     use_denoising=True,
 )
 
@@ -135,7 +135,7 @@ def test_a_user_sees_few_settings_and_experiments_are_apart() -> None:
 
     seen = {setting.name for setting in SCENE_SETTINGS.values() if not setting.is_experiment}
     assert seen - SHARED_SETTINGS.keys() == {
-        "use_cycles_settings", "guiding_method", "radiance_cache", "spectral", "light_selection", "guiding_trial",
+        "use_cycles_settings", "guiding_method", "radiance_cache", "caustics", "spectral", "light_selection", "guiding_trial",
         "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples", "keep_learned",
         "field_path", "save_field", "threads", "texture_memory", "denoise_over_time", "denoised_threshold",
     }  # fmt: skip
@@ -166,6 +166,7 @@ SAVED_CHOICES = {
     "denoising_prefilter": "NONE FAST ACCURATE",
     "denoising_quality": "HIGH BALANCED FAST",
     "roulette": "AUTO THROUGHPUT LEARNED",
+    "caustics": "PATHS PHOTONS AUTO",
 }
 
 

@@ -25,6 +25,7 @@ from engine.scene.passes import Aov, PassSettings
 from engine.settings import RenderSettings
 from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.bakes import first_triangle
+from tests.helpers.caustic_scenes import mirror_scene
 from tests.helpers.media_scenes import grid_of
 from tests.helpers.subsurface_scenes import below
 
@@ -46,6 +47,9 @@ _OF_LINKS = {
 }  # fmt: skip
 #: Of Fast GI, which adds light to the scene with media; short rays are for unguided renders.
 _OF_FAST_GI = {"shorten_rays", "lengthen_rays", "dim_background"}
+_OF_PHOTONS = {
+    "place_photons", "launch_photons", "follow_photons", "keep_photons", "gather_photons", "mark_caustics",
+}  # fmt: skip
 _OF_BAKES = {"aim_at_baked", "meet_baked"}
 _OF_ADDED_LIGHT = {"aim_added_light", "leave_added_light"}
 #: Where media vary others are in its place.
@@ -283,6 +287,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     assert set(StageType.called_with) >= set(stages)
     # The world is not constant in this scene, no model weighs candidates, none has portals, nor media and subsurface.
     unused = {"fill_background", "ask_model", "cross_below", "enter_portals"} | _OF_UNIFORM_MEDIA | _OF_FAST_GI
+    unused |= _OF_PHOTONS
     if spectral == "OFF":
         unused |= _OF_WAVELENGTHS
     if cache == "OFF" or spectral == "ON":
@@ -306,13 +311,15 @@ def test_the_main_loop_passes_what_its_stages_take(
         assert stage.signature.args in StageType.called_with[name], name  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("method", ["OFF", "VMM_RIS"])
-def test_the_loop_in_python_makes_the_same_image(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("method", "caustics"), [("OFF", "PATHS"), ("VMM_RIS", "PATHS"), ("OFF", "PHOTONS")])
+def test_the_loop_in_python_makes_the_same_image(method: str, caustics: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert method in METHODS
 
     def render() -> np.ndarray:
-        session = Session(RenderSettings(samples=20, threads=1, guiding_method=method, seed=5))
-        session.load(small_scene())
+        session = Session(
+            RenderSettings(samples=20, threads=1, guiding_method=method, seed=5, caustics=caustics, filter_glossy=0.0)
+        )
+        session.load(small_scene() if caustics == "PATHS" else mirror_scene())
         return session.render().passes["Combined"]
 
     compiled = render()
