@@ -165,6 +165,8 @@ class ExportContext:
     subdivision_levels: dict[int, int] = field(default_factory=dict)
     #: How meshes are divided further for their displacement, by the same.
     diced: dict[int, Dicing] = field(default_factory=dict)
+    #: What objects are to do with caustics, by the names of Cycles' switches (`caustics.py`).
+    caustics_roles: set[str] = field(default_factory=set)
     _notices: dict[Notice, None] = field(default_factory=dict)
 
     def notice(self, subject: str, problem: str, fallback: str) -> None:

@@ -28,6 +28,7 @@ from engine.scene.description import (
 )
 
 from ..versions import read_setting
+from .caustics import note_caustics
 from .context import ExportContext
 from .fast_gi import occlusion_distance
 from .gases import Gas, gas_of
@@ -276,6 +277,7 @@ def _describe(
     if gas is not None and not context.view_layer.use_volumes:
         return -1
     notice_object(context, shown)
+    note_caustics(context, shown)
     slots = _slots(context, materials, shown) if has_shape else ()
     if is_volume or gas is not None:
         slots = tuple(materials.default_volume() if slot < 0 else slot for slot in slots)

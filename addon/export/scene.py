@@ -12,6 +12,7 @@ from engine.scene.description import Camera, Frame, Instances, Light, Mesh, Port
 
 from .applied_transforms import move_normals
 from .camera import export_camera, export_frame, find_camera, in_middle
+from .caustics import asks_for_caustics
 from .colorspaces import blender_to_xyz, working_space
 from .context import ExportCache, ExportContext, Window
 from .culling import cull, culls, view_of_render
@@ -167,6 +168,7 @@ def _describe(context: ExportContext, clock: Clock, shutter: Shutter | None) -> 
         passes=export_pass_settings(context),
         light_groups=context.light_groups,
         fast_gi=export_fast_gi(context),
+        asks_for_caustics=asks_for_caustics(context),
         linking=export_linking(context, appearances.kinds, appearances.kind[chosen], lamps),
     )
     if context.wants_vectors:

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 from ..versions import TEXTURE_CACHE, is_since, read_setting
-from .context import ExportContext, cycles_property
+from .context import ExportContext
 from .subdivision import diced_modifier
 
 #: Where Cycles has a cache of textures beside their files, whatever the preferences say.
@@ -43,8 +43,6 @@ def _has_texture_cache(render: bpy.types.RenderSettings) -> bool:
 def notice_object(context: ExportContext, shown: bpy.types.Object) -> None:
     """What a mesh or light object asks for."""
     if shown.type == "LIGHT":
-        if cycles_property(shown.data, "is_caustics_light", False):
-            context.notice(shown.name, "shadow caustics are not supported", "caustics as paths happen to find them")
         return
     modifier = diced_modifier(context.scene, shown.original, in_window=context.window is not None)
     if modifier is not None and shown.original.as_pointer() not in context.diced:

@@ -31,6 +31,7 @@ from engine.wavefront.columns import (
     UNIT_USES_CACHE,
 )
 from engine.wavefront.trace_photons import trace_photons
+from engine.wavefront.trace_rounds import trace_rounds
 
 #: Makes of a render's seed that of a trial: what decides on a picture must not be part of it.
 _TRIAL_SEED = 0x2545F491
@@ -68,7 +69,9 @@ class PhotonTracing:
         self.maps = None
         if settings.traces_photons:
             x0, y0, x1, y1 = self._region
-            self.maps = PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=settings.caustics == "AUTO")
+            # Where Filter Glossy blurs what it may, the picture would depend on the trial.
+            is_tried = settings.caustics == "AUTO" and not settings.filter_glossy > 0.0
+            self.maps = PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried)
 
     def unlink(self) -> None:
         """Forget the compiled loop: stages are others now."""
@@ -84,7 +87,7 @@ class PhotonTracing:
         """The map that a sample goes by, made in a thread's memory, or one without photons; None: it was stopped."""
         if self.maps is None:
             return NO_PHOTONS
-        loop = self._loop or in_python(trace_photons)
+        loop = self._loop or in_python(trace_photons, trace_rounds)
 
         def look(begins: PhotonMap) -> tuple[float, Float32Array] | None:
             numbers = begins.numbers.copy()

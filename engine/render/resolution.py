@@ -117,7 +117,7 @@ def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
         return "have nothing to go over"
     if not (settings.use_caustics_reflective or settings.use_caustics_refractive):
         return "are not asked for: caustics are off"
-    if settings.caustics == "AUTO" and settings.filter_glossy > 0.0:
+    if settings.caustics == "AUTO" and settings.filter_glossy > 0.0 and not scene.description.asks_for_caustics:
         return "would be sharp, and Filter Glossy asks for blurred ones"
     if settings.spectral == "ON":
         return "know no wavelengths"

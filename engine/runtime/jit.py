@@ -332,15 +332,17 @@ class BoundKernel:
         return self._compiled.library.get_pointer_to_function(self._compiled.fndesc.llvm_cfunc_wrapper_name)
 
 
-def in_python(dispatcher: Any) -> Callable[..., Any]:
-    """A kernel as the Python it was made from, and so the kernels of its own module that it calls."""
-    function = getattr(dispatcher, "py_func", dispatcher)
+def in_python(dispatcher: Any, *others: Any) -> Callable[..., Any]:
+    """A kernel as the Python it was made from, and so the kernels that it calls of its own module and of `others`'."""
+    functions = [getattr(one, "py_func", one) for one in (*others, dispatcher)]
+    modules = {function.__module__ for function in functions}
+    plain = {name: value for function in functions for name, value in function.__globals__.items()}
     module = {
         name: value
-        for name, value in function.__globals__.items()
-        if getattr(getattr(value, "py_func", None), "__module__", None) == function.__module__
+        for name, value in plain.items()
+        if getattr(getattr(value, "py_func", None), "__module__", None) in modules
     }
-    plain = dict(function.__globals__)
     for name, value in module.items():
         plain[name] = FunctionType(value.py_func.__code__, plain, name)
+    function = functions[-1]
     return FunctionType(function.__code__, plain, function.__name__, function.__defaults__)

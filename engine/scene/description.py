@@ -427,6 +427,7 @@ class SceneDescription:
     passes: PassSettings = field(default_factory=PassSettings)
     light_groups: tuple[str, ...] = ()  # names of the view layer's
     fast_gi: FastGi = field(default_factory=FastGi)
+    asks_for_caustics: bool = False  # light that comes over smooth surfaces is to be sharp, whatever Filter Glossy says
     bake: Bake | None = None  # what is looked at instead of what the camera sees; `frame` is of its size
     linking: Linking | None = None  # None: every emitter lights everything, and all casts shadows in its light
 

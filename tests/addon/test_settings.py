@@ -17,8 +17,8 @@ from tests.helpers.fake_engine import FakeEngine
 
 #: Programs say what they want; a user of Blender gets what pays, and else what Cycles does by default.
 DEFAULTS = RenderSettings(
-    guiding_method="AUTO", radiance_cache="AUTO", caustics="AUTO", samples=4096, clamp_indirect=10.0, use_adaptive_sampling=True,
-    use_denoising=True,
+    guiding_method="AUTO", radiance_cache="AUTO", caustics="AUTO", samples=4096, clamp_indirect=10.0,
+    use_adaptive_sampling=True, use_denoising=True,
 )
 
 #: Name of ours: owner below the scene, name there, a value that is not the default.
@@ -135,8 +135,8 @@ def test_a_user_sees_few_settings_and_experiments_are_apart() -> None:
 
     seen = {setting.name for setting in SCENE_SETTINGS.values() if not setting.is_experiment}
     assert seen - SHARED_SETTINGS.keys() == {
-        "use_cycles_settings", "guiding_method", "radiance_cache", "caustics", "spectral", "light_selection", "guiding_trial",
-        "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples", "keep_learned",
+        "use_cycles_settings", "guiding_method", "radiance_cache", "caustics", "spectral", "light_selection",
+        "guiding_trial", "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples", "keep_learned",
         "field_path", "save_field", "threads", "texture_memory", "denoise_over_time", "denoised_threshold",
     }  # fmt: skip
     assert {setting.section for setting in SCENE_SETTINGS.values() if setting.is_experiment} == {*EXPERIMENT_SECTIONS}

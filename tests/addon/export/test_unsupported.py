@@ -53,7 +53,6 @@ def switch(owner: str, name: str, value: Any = True) -> Callable[[Any], None]:
 
 
 CASES = {
-    "shadow-caustics": (switch("lamp.data.cycles", "is_caustics_light"), "Lamp", "shadow caustics"),
     "adaptive-subdivision": (subdivide, "Plane", "adaptive subdivision"),
     "texture-cache": (switch("scene.render", "use_auto_generate_texture_cache"), "Scene", "texture cache"),
 }  # fmt: skip

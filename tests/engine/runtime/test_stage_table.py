@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from engine.methods import METHODS
-from engine.render import tracer
+from engine.render import photon_tracing, tracer
 from engine.render.data_passes import SPECULAR_MOTION
 from engine.render.precompile_worker import small_scene, strand
 from engine.render.session import Session
@@ -23,6 +23,7 @@ from engine.scene.grids import VolumeMotion
 from engine.scene.linking import ALL_SETS, Linking
 from engine.scene.passes import Aov, PassSettings
 from engine.settings import RenderSettings
+from engine.wavefront.trace_photons import trace_photons
 from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.bakes import first_triangle
 from tests.helpers.caustic_scenes import mirror_scene
@@ -47,9 +48,9 @@ _OF_LINKS = {
 }  # fmt: skip
 #: Of Fast GI, which adds light to the scene with media; short rays are for unguided renders.
 _OF_FAST_GI = {"shorten_rays", "lengthen_rays", "dim_background"}
-_OF_PHOTONS = {
-    "place_photons", "launch_photons", "follow_photons", "keep_photons", "gather_photons", "mark_caustics",
-}  # fmt: skip
+#: Of the loop that sends photons off; and of paths where photons are.
+_OF_PHOTON_LOOP = {"place_photons", "launch_photons", "follow_photons", "keep_photons"}
+_OF_PHOTONS = _OF_PHOTON_LOOP | {"gather_photons", "mark_caustics"}
 _OF_BAKES = {"aim_at_baked", "meet_baked"}
 _OF_ADDED_LIGHT = {"aim_added_light", "leave_added_light"}
 #: Where media vary others are in its place.
@@ -284,7 +285,7 @@ def test_the_main_loop_passes_what_its_stages_take(
     numba.njit(nogil=True, _nrt=False)(copy).compile(tuple(numba.typeof(argument) for argument in arguments[-1]))
     stages = table.as_dict()
     bound = {name: stage for name, stage in stages.items() if stage.is_bound}  # type: ignore[attr-defined]
-    assert set(StageType.called_with) >= set(stages)
+    assert set(StageType.called_with) >= set(stages) - _OF_PHOTON_LOOP
     # The world is not constant in this scene, no model weighs candidates, none has portals, nor media and subsurface.
     unused = {"fill_background", "ask_model", "cross_below", "enter_portals"} | _OF_UNIFORM_MEDIA | _OF_FAST_GI
     unused |= _OF_PHOTONS
@@ -309,6 +310,28 @@ def test_the_main_loop_passes_what_its_stages_take(
     assert set(stages) - set(bound) == unused
     for name, stage in bound.items():
         assert stage.signature.args in StageType.called_with[name], name  # type: ignore[attr-defined]
+
+
+def test_the_loops_pass_what_stages_of_photons_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments: dict[str, tuple] = {}
+
+    class KeepingLoop(BoundKernel):
+        def __call__(self, *given: object) -> object:
+            arguments[str(len(given))] = given
+            return super().__call__(*given)
+
+    for module in (tracer, photon_tracing):
+        monkeypatch.setattr(module, "BoundKernel", KeepingLoop)
+    session = Session(RenderSettings(samples=1, threads=1, caustics="PHOTONS", filter_glossy=0.0))
+    session.load(mirror_scene())
+    session.render()
+    assert len(arguments) == 2, "a loop was not compiled"
+    for loop, given in zip((trace_photons, trace_rounds), (arguments["6"], arguments["7"]), strict=True):
+        copy = FunctionType(loop.py_func.__code__, loop.py_func.__globals__, "not_in_the_cache")
+        numba.njit(nogil=True, _nrt=False)(copy).compile(tuple(numba.typeof(argument) for argument in given))
+    stages = arguments["7"][0].as_dict()
+    for name in _OF_PHOTONS:
+        assert stages[name].signature.args in StageType.called_with[name], name
 
 
 @pytest.mark.parametrize(("method", "caustics"), [("OFF", "PATHS"), ("VMM_RIS", "PATHS"), ("OFF", "PHOTONS")])
