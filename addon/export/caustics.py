@@ -14,7 +14,8 @@ _LIGHT, _CASTER, _RECEIVER = _ROLES = ("is_caustics_light", "is_caustics_caster"
 def note_caustics(context: ExportContext, shown: bpy.types.Object) -> None:
     """Take note of what an object is to do with caustics."""
     # Changes of these switches do not update a dependency graph.
-    owner, roles = shown.original, (_CASTER, _RECEIVER)
+    owner: bpy.types.ID = shown.original
+    roles: tuple[str, ...] = (_CASTER, _RECEIVER)
     if shown.type == "LIGHT":
         owner, roles = owner.data, (_LIGHT,)
     context.caustics_roles.update(role for role in roles if cycles_property(owner, role, False))

@@ -136,7 +136,8 @@ def test_a_user_sees_few_settings_and_experiments_are_apart() -> None:
     seen = {setting.name for setting in SCENE_SETTINGS.values() if not setting.is_experiment}
     assert seen - SHARED_SETTINGS.keys() == {
         "use_cycles_settings", "guiding_method", "radiance_cache", "caustics", "spectral", "light_selection",
-        "guiding_trial", "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples", "keep_learned",
+        "guiding_trial", "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples",
+        "keep_learned",
         "field_path", "save_field", "threads", "texture_memory", "denoise_over_time", "denoised_threshold",
     }  # fmt: skip
     assert {setting.section for setting in SCENE_SETTINGS.values() if setting.is_experiment} == {*EXPERIMENT_SECTIONS}
