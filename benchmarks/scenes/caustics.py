@@ -19,6 +19,7 @@ from benchmarks.scenes.studio import (
     add_object,
     box,
     camera,
+    diffuse,
     light,
     material,
     quad,
@@ -62,8 +63,11 @@ def _glass(name: str, color: Sequence[float] = (1.0, 1.0, 1.0), roughness: float
     return material(name, surface)
 
 
-def _table(size: float, color: Sequence[float] = (0.52, 0.36, 0.24)) -> None:
-    add_object("Table", quad("Table", _plain("table", color), size, size))
+WOOD = (0.52, 0.36, 0.24)
+
+
+def _table(size: float, surface: Any) -> None:
+    add_object("Table", quad("Table", surface, size, size))
 
 
 def _sun(location: Sequence[float], strength: float = 4.0, sky: float = 0.15) -> None:
@@ -72,23 +76,36 @@ def _sun(location: Sequence[float], strength: float = 4.0, sky: float = 0.15) ->
     world((0.55, 0.7, 1.0), sky)
 
 
-@scene("caustic-glass", samples=1024)
-def glass() -> None:
-    """A tumbler and a ball of glass on a table in the sun."""
+def _tumbler(table: Any, clear: Any) -> None:
     _begin(50.0, (0.0, -0.5, 0.32), (0.015, -0.03, 0.025))
-    _table(1.4)
+    _table(1.4, table)
     corners = ((0.0, 0.0), (0.029, 0.0), (0.036, 0.1), (0.0335, 0.1), (0.027, 0.009), (0.0, 0.009))
-    clear = _glass("glass")
     add_object("Tumbler", turned("Tumbler", rounded(corners, 0.004), clear), (-0.035, 0.0, 0.0005))
     add_object("Ball", sphere("Ball", clear, 0.028, 128, 64), (0.07, -0.02, 0.0285))
     _sun((-0.7, 1.0, 0.95))
+
+
+def _simple_glass() -> Any:
+    return material("glass", lambda nodes: nodes("BsdfGlass", Color=(1.0, 1.0, 1.0), Roughness=0.0, IOR=GLASS_IOR))
+
+
+@scene("caustic-glass", samples=1024)
+def glass() -> None:
+    """A tumbler and a ball of glass on a table in the sun."""
+    _tumbler(_plain("table", WOOD), _glass("glass"))
+
+
+@scene("caustic-glass-matte", samples=1024)
+def glass_matte() -> None:
+    """The same tumbler and ball on a table without gloss: what every renderer means alike."""
+    _tumbler(diffuse(WOOD, "table"), _simple_glass())
 
 
 @scene("caustic-ring", samples=512)
 def ring() -> None:
     """A polished gold ring on a table in the sun, which draws a heart into it."""
     _begin(60.0, (0.0, -0.32, 0.3), (0.0, 0.0, 0.0))
-    _table(1.0, (0.62, 0.6, 0.56))
+    _table(1.0, _plain("table", (0.62, 0.6, 0.56)))
     corners = ((0.05, 0.0), (0.053, 0.0), (0.053, 0.024), (0.05, 0.024))
     gold = _plain("gold", (1.0, 0.77, 0.34), Metallic=1.0, Roughness=0.05)
     add_object("Ring", turned("Ring", rounded(corners, 0.001, is_closed=True), gold, 192, True), (0.0, 0.0, 0.0005))
@@ -191,7 +208,7 @@ _STONES = (
 def _jewels() -> list[tuple[Any, float]]:
     """The scene; materials of the stones with their Abbe numbers."""
     _begin(70.0, (0.0, -0.19, 0.15), (0.0, -0.003, 0.004))
-    _table(0.5, (0.7, 0.68, 0.66))
+    _table(0.5, _plain("table", (0.7, 0.68, 0.66)))
     made = []
     for k, (ior, abbe_number, color, radius, place) in enumerate(_STONES):
         stone = _glass("stone", color, ior=ior)
@@ -256,17 +273,24 @@ def pane() -> None:
     world((0.55, 0.7, 1.0), 0.6)
 
 
-def _rough_ball(roughness: float) -> None:
+def _ball(table: Any, clear: Any) -> Any:
+    """A ball beside a lamp; returns the lamp."""
     _begin(50.0, (0.0, -1.9, 1.15), (0.03, -0.05, 0.12))
-    _table(4.0, (0.5, 0.5, 0.48))
-    add_object("Ball", sphere("Ball", _glass("glass", roughness=roughness), 0.2, 128, 64), (-0.1, 0.1, 0.2005))
-    light("POINT", 60.0, (-1.1, 0.9, 1.3), shadow_soft_size=LAMP_RADIUS, color=(1.0, 0.9, 0.75))
+    _table(4.0, table)
+    add_object("Ball", sphere("Ball", clear, 0.2, 128, 64), (-0.1, 0.1, 0.2005))
     world((0.55, 0.7, 1.0), 0.02)
+    return light("POINT", 60.0, (-1.1, 0.9, 1.3), shadow_soft_size=LAMP_RADIUS, color=(1.0, 0.9, 0.75))
+
+
+@scene("caustic-ball-matte", samples=1024)
+def ball_matte() -> None:
+    """A ball of glass on a table without gloss, beside a lamp that is a sphere: what every renderer means alike."""
+    _ball(diffuse((0.5, 0.5, 0.48), "table"), _simple_glass()).data.use_soft_falloff = False
 
 
 def _register_rough(hundredths: int) -> None:
     def build() -> None:
-        _rough_ball(hundredths / 100.0)
+        _ball(_plain("table", (0.5, 0.5, 0.48)), _glass("glass", roughness=hundredths / 100.0))
 
     build.__doc__ = f"A ball of glass of roughness {hundredths / 100.0:g} on a table, beside a lamp."
     scene(f"caustic-rough-{hundredths:02d}", samples=1024)(build)
