@@ -78,7 +78,7 @@ def _sun(location: Sequence[float], strength: float = 4.0, sky: float = 0.15) ->
 
 def _tumbler(table: Any, clear: Any) -> None:
     _begin(50.0, (0.0, -0.5, 0.32), (0.015, -0.03, 0.025))
-    _table(1.4, table)
+    _table(1.05, table)
     corners = ((0.0, 0.0), (0.029, 0.0), (0.036, 0.1), (0.0335, 0.1), (0.027, 0.009), (0.0, 0.009))
     add_object("Tumbler", turned("Tumbler", rounded(corners, 0.004), clear), (-0.035, 0.0, 0.0005))
     add_object("Ball", sphere("Ball", clear, 0.028, 128, 64), (0.07, -0.02, 0.0285))
@@ -105,7 +105,7 @@ def glass_matte() -> None:
 def ring() -> None:
     """A polished gold ring on a table in the sun, which draws a heart into it."""
     _begin(60.0, (0.0, -0.32, 0.3), (0.0, 0.0, 0.0))
-    _table(1.0, _plain("table", (0.62, 0.6, 0.56)))
+    _table(0.45, _plain("table", (0.62, 0.6, 0.56)))
     corners = ((0.05, 0.0), (0.053, 0.0), (0.053, 0.024), (0.05, 0.024))
     gold = _plain("gold", (1.0, 0.77, 0.34), Metallic=1.0, Roughness=0.05)
     add_object("Ring", turned("Ring", rounded(corners, 0.001, is_closed=True), gold, 192, True), (0.0, 0.0, 0.0005))
@@ -161,7 +161,7 @@ def _lamp(roughness: float) -> None:
     add_object("Wall", quad("Wall", wall, 5.0, 3.0), (0.0, 0.85, 1.5), (90, 0, 0))
     count = 24
     arc = [math.pi * k / count for k in range(count + 1)]
-    outside = [(0.26 * math.sin(a), -0.26 * math.cos(a)) for a in arc]
+    outside = [(0.28 * math.sin(a), -0.26 * math.cos(a)) for a in arc]
     inside = [(0.245 * math.sin(a), -0.245 * math.cos(a)) for a in arc]
     outside[0] = inside[0] = outside[-1] = inside[-1] = (0.0, 0.0)
     poles = ((0.0, -0.26), (0.0, 0.26), (0.0, -0.245), (0.0, 0.245))
@@ -170,7 +170,7 @@ def _lamp(roughness: float) -> None:
     frosted = _glass("shade", (1.0, 0.97, 0.92), roughness)
 
     def ribs(angle: float) -> float:
-        return 1.0 + 0.02 * math.cos(20.0 * angle)
+        return 1.0 + 0.06 * math.cos(10.0 * angle)
 
     place = (0.1, 0.1, 0.62)
     add_object("Shade", turned("Shade", shell, frosted, 320, swell=ribs), place)
@@ -207,8 +207,8 @@ _STONES = (
 
 def _jewels() -> list[tuple[Any, float]]:
     """The scene; materials of the stones with their Abbe numbers."""
-    _begin(70.0, (0.0, -0.19, 0.15), (0.0, -0.003, 0.004))
-    _table(0.5, _plain("table", (0.7, 0.68, 0.66)))
+    _begin(100.0, (0.0, -0.19, 0.15), (0.0, -0.001, 0.003))
+    _table(0.22, _plain("table", (0.7, 0.68, 0.66)))
     made = []
     for k, (ior, abbe_number, color, radius, place) in enumerate(_STONES):
         stone = _glass("stone", color, ior=ior)
@@ -275,8 +275,8 @@ def pane() -> None:
 
 def _ball(table: Any, clear: Any) -> Any:
     """A ball beside a lamp; returns the lamp."""
-    _begin(50.0, (0.0, -1.9, 1.15), (0.03, -0.05, 0.12))
-    _table(4.0, table)
+    _begin(50.0, (0.0, -1.75, 1.4), (0.03, -0.08, 0.08))
+    _table(3.6, table)
     add_object("Ball", sphere("Ball", clear, 0.2, 128, 64), (-0.1, 0.1, 0.2005))
     world((0.55, 0.7, 1.0), 0.02)
     return light("POINT", 60.0, (-1.1, 0.9, 1.3), shadow_soft_size=LAMP_RADIUS, color=(1.0, 0.9, 0.75))
