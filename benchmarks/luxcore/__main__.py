@@ -32,6 +32,8 @@ from benchmarks.tables import table
 SCENES = ("builtin:caustic-glass-matte", "builtin:caustic-ball-matte")
 #: Radius of photons in LuxCore, in pixels; how far it shrinks.
 _PHOTON_RADIUS, _LEAST_PHOTON_RADIUS = 1.5, 0.3
+#: Paths that look where photons are wanted, and photons, by second of the render: by its defaults it is not ready then.
+_LOOKS_A_SECOND, _PHOTONS_A_SECOND = 2500, 25_000
 _BIDIR: Properties = {"renderengine.type": "BIDIRCPU", "sampler.type": "METROPOLIS"}
 _PATH: Properties = {"renderengine.type": "PATHCPU", "sampler.type": "SOBOL"}
 _PHOTONS: Properties = {**_PATH, "path.photongi.caustic.enabled": True, "path.photongi.indirect.enabled": False}
@@ -42,7 +44,9 @@ ENGINES: dict[str, Properties] = {
 }  # fmt: skip
 
 
-def configuration(engine: str, scene: LuxScene, seed: int, threads: int, bounces: int) -> Properties:
+def configuration(
+    engine: str, scene: LuxScene, seed: int, threads: int, bounces: int, seconds: float
+) -> Properties:
     """LuxCore's properties of a render: as many bounces as Blender's, nothing clamped, no tone mapping."""
     film = {name: value for name, value in scene.properties.items() if name.startswith("film.")}
     depths = {f"path.pathdepth.{kind}": bounces + 1 for kind in ("total", "diffuse", "glossy", "specular")}
@@ -52,6 +56,8 @@ def configuration(engine: str, scene: LuxScene, seed: int, threads: int, bounces
             "path.photongi.caustic.lookup.radius": _PHOTON_RADIUS * scene.footprint,
             "path.photongi.caustic.updatespp.minradius": _LEAST_PHOTON_RADIUS * scene.footprint,
             "path.photongi.photon.maxdepth": bounces + 1,
+            "path.photongi.visibility.maxsamplecount": round(_LOOKS_A_SECOND * seconds),
+            "path.photongi.photon.maxcount": round(_PHOTONS_A_SECOND * seconds),
         }
     return {
         **film, **depths, **radii, **ENGINES[engine], "path.maxdepth": bounces + 1, "light.maxdepth": bounces + 1,
@@ -162,7 +168,7 @@ def compare(
     for name in (name for name in rivals if name in ENGINES):
         images, facts = [], []
         for seed in range(1, seeds + 1):
-            config = configuration(name, exported, seed, threads, scene.cycles.max_bounces)
+            config = configuration(name, exported, seed, threads, scene.cycles.max_bounces, seconds)
             image, found = render_luxcore(exported, config, seconds, luxcore)
             write_exr(out / source.name / f"{name}_{seconds:g}s_seed{seed}.exr", image)
             images.append(image)

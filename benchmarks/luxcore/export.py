@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 Properties = dict[str, Any]
+#: Points, triangles and normals.
+Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 #: As smooth as these are in Blender, mirrors and clear glass are in LuxCore.
 _SMOOTH = 1e-4
@@ -34,8 +36,8 @@ class LuxScene:
     """
 
     properties: Properties
-    meshes: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
-    footprint: float
+    meshes: dict[str, Mesh]
+    footprint: float = 0.0
 
 
 def _value(node: Any, name: str) -> Any:
@@ -92,7 +94,7 @@ def export_material(material: Any) -> Properties:
         raise ValueError(f"the material {material.name!r}: {error}; LuxCore would not show it alike") from error
 
 
-def _mesh(item: Any, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _mesh(item: Any, matrix: np.ndarray) -> Mesh:
     data = item.to_mesh()
     data.calc_loop_triangles()
     count = len(data.loop_triangles)
@@ -108,8 +110,38 @@ def _mesh(item: Any, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     return placed, np.arange(3 * count).reshape(-1, 3), turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
-def export_light(item: Any, matrix: np.ndarray) -> Properties:
-    """A lamp's properties, without their prefix.
+def _sun(item: Any, matrix: np.ndarray) -> Properties:
+    data = item.data
+    half = 0.5 * data.angle
+    # What arrives by what leaves: LuxCore's gain is the radiance.
+    scale = data.energy / (math.pi * math.sin(half) ** 2)
+    return {
+        "type": "distant", "direction": [float(v) for v in -matrix[:3, 2]], "theta": math.degrees(half),
+        "gain": [float(scale * channel) for channel in data.color], "color": [1.0, 1.0, 1.0],
+    }  # fmt: skip
+
+
+def _glowing_sphere(item: Any, matrix: np.ndarray) -> tuple[Properties, Mesh]:
+    """A lamp as a glowing mesh of the same power: LuxCore's own sphere is found by no path, and too bright by BiDir."""
+    import bmesh
+
+    data = item.data
+    grid = bmesh.new()
+    bmesh.ops.create_uvsphere(grid, u_segments=48, v_segments=24, radius=data.shadow_soft_size)
+    bmesh.ops.triangulate(grid, faces=grid.faces)
+    corners = np.array([[vertex.co for vertex in face.verts] for face in grid.faces], np.float64)
+    grid.free()
+    edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * float(np.linalg.norm(edges, axis=1).sum())
+    radiance = [float(data.energy * channel / (math.pi * area)) for channel in data.color]
+    points = corners.reshape(-1, 3)
+    glow = {"type": "matte", "kd": [0.0] * 3, "emission": [1.0] * 3, "emission.gain": radiance}
+    normals = points / data.shadow_soft_size
+    return glow, (points + matrix[:3, 3], np.arange(len(points)).reshape(-1, 3), normals)
+
+
+def export_light(item: Any, matrix: np.ndarray, name: str) -> LuxScene:
+    """A lamp's properties, and its mesh if it has one.
 
     Raises
     ------
@@ -117,21 +149,18 @@ def export_light(item: Any, matrix: np.ndarray) -> Properties:
         Naming what LuxCore would not show alike.
     """
     data = item.data
-    gain = [float(data.energy * channel) for channel in data.color]
     if data.type == "SUN" and data.angle > 0.0:
-        half = 0.5 * data.angle
-        # What arrives by what leaves: LuxCore's gain is the radiance.
-        scale = 1.0 / (math.pi * math.sin(half) ** 2)
-        return {
-            "type": "distant", "direction": [float(v) for v in -matrix[:3, 2]], "theta": math.degrees(half),
-            "gain": [scale * value for value in gain], "color": [1.0, 1.0, 1.0],
-        }  # fmt: skip
+        return LuxScene(_prefixed(f"scene.lights.{name}", _sun(item, matrix)), {})
     if data.type == "POINT" and data.shadow_soft_size > 0.0 and not data.use_soft_falloff:
-        return {
-            "type": "sphere", "position": [float(v) for v in matrix[:3, 3]], "radius": float(data.shadow_soft_size),
-            "gain": gain, "color": [1.0, 1.0, 1.0],
-        }  # fmt: skip
+        glow, mesh = _glowing_sphere(item, matrix)
+        return _object(name, glow, mesh)
     raise ValueError(f"the lamp {item.name!r} is no sun, nor a point without soft falloff: LuxCore has none alike")
+
+
+def _object(name: str, material: Properties, mesh: Mesh) -> LuxScene:
+    """An object with a material of its own."""
+    placed = _prefixed(f"scene.objects.{name}", {"shape": name, "material": name})
+    return LuxScene(_prefixed(f"scene.materials.{name}", material) | placed, {name: mesh})
 
 
 def _world(world: Any) -> list[float]:
@@ -182,7 +211,7 @@ def export_scene(scene: Any) -> LuxScene:
     if scene.cycles.pixel_filter_type != "BLACKMAN_HARRIS":
         raise ValueError("the scene's pixel filter is not Blackman-Harris, by which LuxCore is rendered")
     properties = _camera(scene)
-    meshes = {}
+    meshes: dict[str, Mesh] = {}
     radiance = _world(scene.world)
     if any(radiance):
         uniform = {"type": "constantinfinite", "gain": radiance, "color": [1.0, 1.0, 1.0]}
@@ -190,12 +219,14 @@ def export_scene(scene: Any) -> LuxScene:
     for index, instance in enumerate(bpy.context.evaluated_depsgraph_get().object_instances):
         item, matrix = instance.object, np.array(instance.matrix_world)
         if item.type == "LIGHT":
-            properties |= _prefixed(f"scene.lights.l{index}", export_light(item, matrix))
+            made = export_light(item, matrix, f"l{index}")
         elif item.type == "MESH":
-            meshes[f"m{index}"] = _mesh(item, matrix)
-            made = export_material(item.material_slots[0].material if item.material_slots else None)
-            properties |= _prefixed(f"scene.materials.m{index}", made)
-            properties |= _prefixed(f"scene.objects.m{index}", {"shape": f"m{index}", "material": f"m{index}"})
+            material = export_material(item.material_slots[0].material if item.material_slots else None)
+            made = _object(f"m{index}", material, _mesh(item, matrix))
+        else:
+            continue
+        properties |= made.properties
+        meshes |= made.meshes
     return LuxScene(properties, meshes, _footprint(scene))
 
 

@@ -27,7 +27,7 @@ def test_default_scenes_are_shown_alike(blender: Any, text: str) -> None:
     exported = _export(text)
     kinds = {value for name, value in exported.properties.items() if name.endswith(".type")}
     assert {"perspective", "matte", "glass", "constantinfinite"} <= kinds
-    assert kinds & {"distant", "sphere"}
+    assert ("distant" in kinds) != any(name.endswith("emission.gain") for name in exported.properties)
     assert 0.0 < exported.footprint < 0.1
 
 
@@ -54,6 +54,21 @@ def test_geometry_and_lamps_are_where_they_are_in_blender(blender: Any) -> None:
     assert properties["scene.camera.screenwindow"] == [-1.0, 1.0, -0.75, 0.75]
 
 
+def test_a_lamp_is_a_sphere_of_its_power(blender: Any) -> None:
+    exported = _export("builtin:caustic-ball-matte")
+    item = blender.context.scene.objects["Point"]
+    lamp = next(name for name in exported.properties if name.endswith("emission.gain")).split(".")[2]
+    points, _, normals = exported.meshes[lamp]
+    np.testing.assert_allclose(np.linalg.norm(points - np.array(item.location), axis=1), 0.1, rtol=1e-5)
+    corners = points.reshape(-1, 3, 3)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("nk,nk->n", across, normals.reshape(-1, 3, 3).mean(axis=1)) > 0.0).all()
+    area = 0.5 * np.linalg.norm(across, axis=1).sum()
+    assert area == pytest.approx(4.0 * math.pi * 0.1**2, rel=0.01)
+    power = np.array(exported.properties[f"scene.materials.{lamp}.emission.gain"]) * math.pi * area
+    np.testing.assert_allclose(power, item.data.energy * np.array(item.data.color), rtol=1e-5)
+
+
 def _triangles(item: Any) -> int:
     item.data.calc_loop_triangles()
     return len(item.data.loop_triangles)
@@ -63,9 +78,9 @@ def _triangles(item: Any) -> int:
     ("text", "message"),
     [
         ("builtin:caustic-glass", "the material .* is Principled BSDF"),
-        ("builtin:light-area-square", "the lamp 'Area' is no sun"),
-        ("builtin:glass-rough", "its glass is rough; LuxCore would not show it alike"),
-        ("builtin:world-image", "the world 'World' is not uniform"),
+        ("builtin:light-area-square", "the material 'glossy': its metal is rough; LuxCore would not show it alike"),
+        ("builtin:glass-rough", "the lamp 'Area' is no sun"),
+        ("builtin:world-image", "the world 'World.*' is not uniform: its input Color is linked"),
         ("builtin:film-box-filter", "pixel filter is not Blackman-Harris"),
         ("builtin:camera-depth-of-field", "the camera has more than a lens"),
     ],
@@ -78,11 +93,11 @@ def test_what_luxcore_would_not_show_alike_is_named(blender: Any, text: str, mes
 def test_every_way_of_luxcore_has_the_scene_s_bounces_and_clamps_nothing(blender: Any) -> None:
     exported = _export("builtin:caustic-ball-matte")
     for engine in ENGINES:
-        config = configuration(engine, exported, 7, 2, 16)
+        config = configuration(engine, exported, 7, 2, 16, 20.0)
         assert (config["film.width"], config["film.height"]) == (64, 48)
         assert config["path.pathdepth.total"] == config["path.maxdepth"] == config["light.maxdepth"] == 17
         assert config["path.clamping.variance.maxvalue"] == 0.0 and config["renderengine.seed"] == 7
-    photons = configuration("luxcore-photons", exported, 1, 2, 16)
+    photons = configuration("luxcore-photons", exported, 1, 2, 16, 20.0)
     assert photons["path.photongi.caustic.lookup.radius"] == pytest.approx(1.5 * exported.footprint)
 
 
