@@ -111,7 +111,5 @@ def find_known(scene, lanes, emitters, known):
                     break
                 dx = sample_table(scene.pixel_filter, (np.float32(k % _LOOKS) + 0.5) * step)
                 dy = sample_table(scene.pixel_filter, (np.float32(k // _LOOKS) + 0.5) * step)
-                sees = look(
-                    scene, lanes, emitters, np.float32(column) + 0.5 + dx, np.float32(row) + 0.5 + dy
-                )
+                sees = look(scene, lanes, emitters, np.float32(column) + 0.5 + dx, np.float32(row) + 0.5 + dy)
             known[row, column] = 1 if sees else 0

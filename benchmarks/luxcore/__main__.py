@@ -44,9 +44,7 @@ ENGINES: dict[str, Properties] = {
 }  # fmt: skip
 
 
-def configuration(
-    engine: str, scene: LuxScene, seed: int, threads: int, bounces: int, seconds: float
-) -> Properties:
+def configuration(engine: str, scene: LuxScene, seed: int, threads: int, bounces: int, seconds: float) -> Properties:
     """LuxCore's properties of a render: as many bounces as Blender's, nothing clamped, no tone mapping."""
     film = {name: value for name, value in scene.properties.items() if name.startswith("film.")}
     depths = {f"path.pathdepth.{kind}": bounces + 1 for kind in ("total", "diffuse", "glossy", "specular")}

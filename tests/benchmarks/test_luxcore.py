@@ -112,8 +112,6 @@ def test_where_it_is_not_installed_the_message_says_how(tmp_path: Path) -> None:
         render_luxcore(scene, {}, 1.0, broken)
 
 
-def test_a_scene_without_a_reference_is_named(
-    blender: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scene_without_a_reference_is_named(blender: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([SCENES[0], "--references", str(tmp_path)]) == 2
     assert "no reference of caustic-glass-matte" in capsys.readouterr().err
