@@ -7,7 +7,6 @@ It reads `scene.json` and `meshes.npz` of the folder, and leaves `image.npy`, ro
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -59,6 +58,3 @@ def render(folder: Path) -> None:
 
 if __name__ == "__main__":
     render(Path(sys.argv[1]))
-    sys.stdout.flush()
-    # Its threads do not outlive an interpreter that tidies up.
-    os._exit(0)

@@ -97,8 +97,9 @@ def glass() -> None:
 
 @scene("caustic-glass-matte", samples=1024)
 def glass_matte() -> None:
-    """The same tumbler and ball on a table without gloss: what every renderer means alike."""
+    """The same tumbler and ball on a table without gloss, under no sky: what every renderer means alike."""
     _tumbler(diffuse(WOOD, "table"), _simple_glass())
+    world((0.0, 0.0, 0.0))
 
 
 @scene("caustic-ring", samples=512)
@@ -284,8 +285,9 @@ def _ball(table: Any, clear: Any) -> Any:
 
 @scene("caustic-ball-matte", samples=1024)
 def ball_matte() -> None:
-    """A ball of glass on a table without gloss, beside a lamp that is a sphere: what every renderer means alike."""
+    """A ball of glass on a table without gloss, a sphere as a lamp, no sky: what every renderer means alike."""
     _ball(diffuse((0.5, 0.5, 0.48), "table"), _simple_glass()).data.use_soft_falloff = False
+    world((0.0, 0.0, 0.0))
 
 
 def _register_rough(hundredths: int) -> None:

@@ -16,6 +16,7 @@ import pytest
 from benchmarks.luxcore.__main__ import ENGINES, SCENES, configuration, main, render_luxcore
 from benchmarks.luxcore.export import LuxScene, export_scene
 from benchmarks.scene_files import SceneSource, open_scene
+from benchmarks.scenes import studio
 
 
 def _export(text: str, size: tuple[int, int] = (64, 48)) -> LuxScene:
@@ -26,7 +27,7 @@ def _export(text: str, size: tuple[int, int] = (64, 48)) -> LuxScene:
 def test_default_scenes_are_shown_alike(blender: Any, text: str) -> None:
     exported = _export(text)
     kinds = {value for name, value in exported.properties.items() if name.endswith(".type")}
-    assert {"perspective", "matte", "glass", "constantinfinite"} <= kinds
+    assert {"perspective", "matte", "glass"} <= kinds
     assert ("distant" in kinds) != any(name.endswith("emission.gain") for name in exported.properties)
     assert 0.0 < exported.footprint < 0.1
 
@@ -67,6 +68,15 @@ def test_a_lamp_is_a_sphere_of_its_power(blender: Any) -> None:
     assert area == pytest.approx(4.0 * math.pi * 0.1**2, rel=0.01)
     power = np.array(exported.properties[f"scene.materials.{lamp}.emission.gain"]) * math.pi * area
     np.testing.assert_allclose(power, item.data.energy * np.array(item.data.color), rtol=1e-5)
+
+
+def test_a_uniform_world_is_a_light(blender: Any) -> None:
+    scene = open_scene(SceneSource("builtin:caustic-ball-matte"))
+    assert not any(value == "constantinfinite" for value in export_scene(scene).properties.values())
+    studio.world((0.5, 0.25, 0.125), 2.0)
+    properties = export_scene(scene).properties
+    assert properties["scene.lights.world.type"] == "constantinfinite"
+    assert properties["scene.lights.world.gain"] == pytest.approx([1.0, 0.5, 0.25])
 
 
 def _triangles(item: Any) -> int:
