@@ -95,10 +95,11 @@ def tone_map(image: Float32Array, exposure: float = 1.0) -> npt.NDArray[np.uint8
 def signed_difference(image: Float32Array, reference: Float32Array, full_scale: float) -> npt.NDArray[np.uint8]:
     """Relative difference as colour: red where `image` is brighter, blue where darker, white where equal.
 
-    Differences are relative to the reference plus a tenth of its mean, and saturate at `full_scale`.
+    Differences are relative to the reference plus a tenth of its mean, and saturate at `full_scale`. White where it
+    is NaN, and so not known.
     """
     x, r = image[..., :3].astype(np.float64).mean(axis=-1), reference[..., :3].astype(np.float64).mean(axis=-1)
-    denominator = np.abs(r) + 0.1 * max(float(np.abs(r).mean()), 1e-6)
+    denominator = np.abs(r) + 0.1 * max(float(np.nanmean(np.abs(r))), 1e-6)
     t = np.clip(np.nan_to_num((x - r) / denominator / full_scale), -1.0, 1.0)
     red, green, blue = 1.0 + np.minimum(t, 0.0), 1.0 - np.abs(t), 1.0 - np.maximum(t, 0.0)
     return np.asarray((np.stack([red, green, blue], axis=-1) * 255.0 + 0.5).astype(np.uint8))

@@ -10,7 +10,7 @@ Two kinds of figures, never to be mixed up:
 
 Images are divided by the reference's mean first, so that dark scenes count like bright ones, and squared errors by
 r^2 + 0.01. The trimmed figures leave out the worst 0.1% of pixels, which carry nearly all of it on scenes
-with caustics.
+with caustics. Pixels in which a reference is NaN are not known (`benchmarks.light_tracing`), and no figure has them.
 """
 
 from __future__ import annotations
@@ -41,9 +41,14 @@ def _colour(image: FloatArray) -> npt.NDArray[np.float64]:
     return np.asarray(image, np.float64)[..., :3]
 
 
+def known_pixels(reference: FloatArray) -> npt.NDArray[np.bool_]:
+    """Where a reference says something, bool (height, width)."""
+    return np.asarray(~np.isnan(_colour(reference)).any(axis=-1))
+
+
 def image_scale(reference: FloatArray) -> float:
-    """Mean of a reference over pixels and colour channels, 1 for a black one."""
-    mean = float(_colour(reference).mean())
+    """Mean of what is known of a reference over pixels and colour channels, 1 for a black one."""
+    mean = float(_colour(reference)[known_pixels(reference)].mean())
     return mean if mean > 0.0 else 1.0
 
 
@@ -63,7 +68,7 @@ def relative_squared_error_map(image: FloatArray, reference: FloatArray) -> npt.
 
 def relative_squared_error(image: FloatArray, reference: FloatArray) -> Error:
     """Relative squared error against a reference (its own noise included)."""
-    return reduce_error(relative_squared_error_map(image, reference))
+    return reduce_error(relative_squared_error_map(image, reference)[known_pixels(reference)])
 
 
 def seed_variance_map(
@@ -87,7 +92,7 @@ def seed_variance_map(
 
 def seed_variance(images: Sequence[FloatArray], reference: FloatArray, least_seeds: int = 3) -> Error:
     """Expected relative squared error of one render about its own mean, from independent seeds."""
-    return reduce_error(seed_variance_map(images, reference, least_seeds))
+    return reduce_error(seed_variance_map(images, reference, least_seeds)[known_pixels(reference)])
 
 
 def seed_deviations(images: Sequence[FloatArray], reference: FloatArray) -> list[Error]:
@@ -100,14 +105,15 @@ def seed_deviations(images: Sequence[FloatArray], reference: FloatArray) -> list
     stack = np.stack([_colour(image) for image in images]) / scale
     r = _colour(reference) / scale
     squared = (stack - stack.mean(axis=0)) ** 2 * (count / max(count - 1, 1))
-    return [reduce_error(seed.mean(axis=-1)) for seed in squared / (r**2 + EPSILON)]
+    known = known_pixels(reference)
+    return [reduce_error(seed.mean(axis=-1)[known]) for seed in squared / (r**2 + EPSILON)]
 
 
 def percentage_error(image: FloatArray, reference: FloatArray) -> Error:
     """Mean of |x - r| / (r + 0.01) over pixels and RGB, both divided by the mean of r."""
     scale = image_scale(reference)
     x, r = _colour(image) / scale, _colour(reference) / scale
-    return reduce_error((np.abs(x - r) / (np.abs(r) + EPSILON)).mean(axis=-1))
+    return reduce_error((np.abs(x - r) / (np.abs(r) + EPSILON)).mean(axis=-1)[known_pixels(reference)])
 
 
 def absolute_percentage_error(image: FloatArray, reference: FloatArray) -> float:
@@ -123,16 +129,20 @@ def flip_map(image: FloatArray, reference: FloatArray) -> npt.NDArray[np.float64
     """
     from flip_evaluator import evaluate
 
+    known = known_pixels(reference)[..., None]
+
     def prepare(pixels: FloatArray) -> npt.NDArray[np.float32]:
-        return np.ascontiguousarray(np.maximum(np.nan_to_num(_colour(pixels)), 0.0), np.float32)
+        # What is not known is black in both.
+        shown = np.where(known, np.nan_to_num(_colour(pixels)), 0.0)
+        return np.ascontiguousarray(np.maximum(shown, 0.0), np.float32)
 
     errors, _, _ = evaluate(prepare(reference), prepare(image), "HDR", inputsRGB=False, applyMagma=False)
     return np.asarray(errors, np.float64)[..., 0]
 
 
 def flip(image: FloatArray, reference: FloatArray) -> float:
-    """Mean of `flip_map`."""
-    return float(flip_map(image, reference).mean())
+    """Mean of `flip_map` where the reference is known."""
+    return float(flip_map(image, reference)[known_pixels(reference)].mean())
 
 
 # ---------------------------------------------------------------------------------------------------------------------

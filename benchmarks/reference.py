@@ -40,6 +40,7 @@ class ReferenceFacts:
     seeds : those in the mean
     error, error_trimmed : expected relative squared error of the mean, from the variance between seeds; nan of one seed
     render_seconds : of all seeds
+    known : share of the pixels in which it says something; the others are NaN
     """
 
     scene: str
@@ -55,6 +56,7 @@ class ReferenceFacts:
     render_seconds: float = 0.0
     environment: dict[str, Any] = field(default_factory=dict)
     date: str = ""
+    known: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ def load_reference(folder: Path | None, scene: str) -> Reference | None:
     Raises
     ------
     ValueError
-        If the JSON beside it cannot be read.
+        If the JSON beside it cannot be read, or does not say that the picture is not known in some pixels.
     """
     if folder is None or not (folder / f"{scene}.exr").is_file():
         return None
@@ -112,6 +114,8 @@ def load_reference(folder: Path | None, scene: str) -> Reference | None:
         facts = None
     except (OSError, ValueError, TypeError) as error:
         raise ValueError(f"{folder / scene}.json does not describe a reference: {error}") from error
+    if not metrics.known_pixels(image).all() and (facts is None or facts.known >= 1.0):
+        raise ValueError(f"{folder / scene}.exr has pixels that are no number: make the reference anew")
     return Reference(image, facts)
 
 

@@ -42,12 +42,13 @@ class Crop:
 def error_map(batch: Batch, scene: SceneResults, truth: Float32Array) -> Map:
     """Relative squared error per pixel, mean over seeds: against the reference, or by the variance over seeds.
 
-    One seed without a reference is compared with the mean of all renders.
+    One seed without a reference is compared with the mean of all renders. Where a reference is not known it is 0.
     """
     images = image_stack(batch.renders)
     if scene.reference is None and len(images) > 1:
         return metrics.seed_variance_map(images, truth, least_seeds=2)
-    return np.mean([metrics.relative_squared_error_map(image, truth) for image in images], axis=0)
+    errors = np.mean([metrics.relative_squared_error_map(image, truth) for image in images], axis=0)
+    return np.where(metrics.known_pixels(truth), errors, 0.0)
 
 
 def _window_means(pixels: Map, width: int, height: int) -> Map:

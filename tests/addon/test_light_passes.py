@@ -29,7 +29,7 @@ ALWAYS = ["hair-principled", "hair-huang-round", "ray-portal-mixed"]
 COMPARABLE = sorted(
     name
     for name, scene in SCENES.items()
-    if scene.group not in ("failures", "spectral", "furnished", "clamped", "matter_indoors", "matter_large")
+    if scene.group not in ("failures", "spectral", "furnished", "caustics", "clamped", "matter_indoors", "matter_large")
     and name != "torus-in-glass"
     and name not in ALWAYS
 )

@@ -118,3 +118,21 @@ def test_signed_difference_colours() -> None:
     image = reference * np.array([1.0, 2.0, 0.0], np.float32)[None, :, None]
     colours = images.signed_difference(image, reference, 0.25)
     np.testing.assert_array_equal(colours[0], [[255, 255, 255], [255, 0, 0], [0, 0, 255]])
+
+
+def test_pixels_in_which_a_reference_is_not_known_count_in_no_figure() -> None:
+    rng = np.random.default_rng(3)
+    reference = rng.uniform(0.5, 1.5, (12, 10, 3)).astype(np.float32)
+    images = [(reference + rng.normal(0.0, 0.1, reference.shape)).astype(np.float32) for _ in range(3)]
+    partly = reference.copy()
+    partly[:, 6:] = np.nan
+    spoiled = [np.concatenate([image[:, :6], 9.0 * image[:, 6:]], axis=1) for image in images]
+    left = [image[:, :6] for image in images]
+    assert not metrics.known_pixels(partly)[:, 6:].any() and metrics.known_pixels(partly)[:, :6].all()
+    for figure in (metrics.relative_squared_error, metrics.percentage_error):
+        assert figure(spoiled[0], partly) == figure(left[0], reference[:, :6])
+    assert metrics.seed_variance(spoiled, partly) == metrics.seed_variance(left, reference[:, :6])
+    assert metrics.seed_deviations(spoiled, partly) == metrics.seed_deviations(left, reference[:, :6])
+    assert metrics.flip(spoiled[0], partly) == pytest.approx(
+        metrics.flip(np.where(np.isnan(partly), 0.0, images[0]), partly)
+    )

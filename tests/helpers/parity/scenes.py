@@ -30,12 +30,13 @@ FAST = (
 _LEFT_OUT = (
     "torus-in-glass", "weathered-rooms", "study", "evening-room-fog", "linked-fog", "linked-rooms", "lamp-sheared"
 )  # fmt: skip
+_GROUPS_LEFT_OUT = ("failures", "spectral", "furnished", "caustics", "clamped", "matter_indoors", "matter_large")
 _QUICK = ("forward", "backward", "thin", "huge", "colors")
 COMPARABLE = tuple(
     sorted(
         name
         for name, scene in SCENES.items()
-        if scene.group not in ("failures", "spectral", "furnished", "clamped", "matter_indoors", "matter_large")
+        if scene.group not in _GROUPS_LEFT_OUT
         and name not in _LEFT_OUT
         and (scene.group != "failing_media" or name.removeprefix("fail-fog-") in _QUICK)
         or name == "spectral-colors"

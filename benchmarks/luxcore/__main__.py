@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`python -m benchmarks.luxcore`: LuxCore beside Cycles and ours, at equal seconds, by the error to a reference.
+
+`pyluxcore` is no part of this project. Install it by
+`python -m pip install --no-deps --target out/pyluxcore pyluxcore`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import environment, metrics
+from benchmarks.images import Float32Array, write_exr
+from benchmarks.luxcore.export import LuxScene, Properties, export_scene
+from benchmarks.reference import load_reference
+from benchmarks.rendering import render_scene
+from benchmarks.rivals import Budget, find_rival
+from benchmarks.scene_files import SceneSource, expand, open_scene
+from benchmarks.tables import table
+
+#: Scenes that mean the same in LuxCore.
+SCENES = ("builtin:caustic-glass-matte", "builtin:caustic-ball-matte")
+#: Radius of photons in LuxCore, in pixels; how far it shrinks.
+_PHOTON_RADIUS, _LEAST_PHOTON_RADIUS = 1.5, 0.3
+#: Paths that look where photons are wanted, and photons, by second of the render: by its defaults it is not ready then.
+_LOOKS_A_SECOND, _PHOTONS_A_SECOND = 2500, 25_000
+_BIDIR: Properties = {"renderengine.type": "BIDIRCPU", "sampler.type": "METROPOLIS"}
+_PATH: Properties = {"renderengine.type": "PATHCPU", "sampler.type": "SOBOL"}
+_PHOTONS: Properties = {**_PATH, "path.photongi.caustic.enabled": True, "path.photongi.indirect.enabled": False}
+_HYBRID: Properties = {**_PATH, "path.hybridbackforward.enable": True}
+#: LuxCore's ways, with its defaults but for what `configuration` adds.
+ENGINES: dict[str, Properties] = {
+    "luxcore-path": _PATH, "luxcore-bidir": _BIDIR, "luxcore-photons": _PHOTONS, "luxcore-hybrid": _HYBRID,
+}  # fmt: skip
+
+
+def configuration(engine: str, scene: LuxScene, seed: int, threads: int, bounces: int, seconds: float) -> Properties:
+    """LuxCore's properties of a render: as many bounces as Blender's, nothing clamped, no tone mapping."""
+    film = {name: value for name, value in scene.properties.items() if name.startswith("film.")}
+    depths = {f"path.pathdepth.{kind}": bounces + 1 for kind in ("total", "diffuse", "glossy", "specular")}
+    radii = {}
+    if engine == "luxcore-photons":
+        radii = {
+            "path.photongi.caustic.lookup.radius": _PHOTON_RADIUS * scene.footprint,
+            "path.photongi.caustic.updatespp.minradius": _LEAST_PHOTON_RADIUS * scene.footprint,
+            "path.photongi.photon.maxdepth": bounces + 1,
+            "path.photongi.visibility.maxsamplecount": round(_LOOKS_A_SECOND * seconds),
+            "path.photongi.photon.maxcount": round(_PHOTONS_A_SECOND * seconds),
+        }
+    return {
+        **film, **depths, **radii, **ENGINES[engine], "path.maxdepth": bounces + 1, "light.maxdepth": bounces + 1,
+        "path.clamping.variance.maxvalue": 0.0, "renderengine.seed": seed, "native.threads.count": threads,
+        "film.imagepipelines.0.0.type": "NOP",
+    }  # fmt: skip
+
+
+def render_luxcore(
+    scene: LuxScene, config: Properties, seconds: float, luxcore: Path
+) -> tuple[Float32Array, dict[str, Any]]:
+    """Render in a process of its own.
+
+    Parameters
+    ----------
+    luxcore : path
+        Where `pyluxcore` was installed to.
+
+    Returns
+    -------
+    image : float32 (height, width, 3), row 0 at the top
+    facts : dict, 'seconds' and 'preparation' [s], 'samples' a pixel and 'version'
+
+    Raises
+    ------
+    ValueError
+        If `pyluxcore` is not there.
+    RuntimeError
+        With what the process said last, if it failed.
+    """
+    if not (luxcore / "pyluxcore").is_dir():
+        install = f"python -m pip install --no-deps --target {luxcore} pyluxcore"
+        raise ValueError(f"no pyluxcore in {luxcore}: {install}, or --luxcore FOLDER")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        parts = ("points", "triangles", "normals")
+        arrays = {
+            f"{mesh}.{part}": array
+            for mesh, found in scene.meshes.items()
+            for part, array in zip(parts, found, strict=True)
+        }
+        np.savez(folder / "meshes.npz", **arrays)
+        described = {key: value for key, value in scene.properties.items() if key.startswith("scene.")}
+        job = {"scene": described, "config": config, "meshes": list(scene.meshes), "seconds": seconds}
+        (folder / "scene.json").write_text(json.dumps(job), encoding="utf-8")
+        root = Path(__file__).parents[2]
+        paths = os.pathsep.join([str(root), str(luxcore.resolve())])
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks.luxcore.process", str(folder)], capture_output=True, text=True,
+            env={**os.environ, "PYTHONPATH": paths}, cwd=root, check=False,
+        )  # fmt: skip
+        if done.returncode or not (folder / "result.json").is_file():
+            lines = (done.stderr or done.stdout).strip().splitlines() or [f"exit status {done.returncode}"]
+            raise RuntimeError(f"LuxCore failed: {lines[-1]}")
+        facts: dict[str, Any] = json.loads((folder / "result.json").read_text("utf-8"))
+        return np.load(folder / "image.npy"), facts
+
+
+def _row(
+    scene: str, rival: str, images: Sequence[Float32Array], seconds: Sequence[float], samples: Sequence[float],
+    reference: Float32Array,
+) -> list[float | int | str | None]:  # fmt: skip
+    known = metrics.known_pixels(reference)
+    errors = [metrics.relative_squared_error(image, reference) for image in images]
+    mean = np.mean([image[known][:, :3].mean(dtype=np.float64) for image in images])
+    shares = [metrics.absolute_percentage_error(image, reference) for image in images]
+    return [
+        scene, rival, len(images), float(np.median(samples)), float(np.median(seconds)),
+        float(np.median([error.whole for error in errors])), float(np.median([error.trimmed for error in errors])),
+        float(np.median(shares)), f"{mean / reference[known][:, :3].mean(dtype=np.float64) - 1.0:+.2%}",
+    ]  # fmt: skip
+
+
+def compare(
+    source: SceneSource, rivals: Sequence[str], seconds: float, seeds: int, *, references: Path, luxcore: Path,
+    out: Path, threads: int,
+) -> list[list[float | int | str | None]]:  # fmt: skip
+    """Rows of the table of a scene, of ours, Cycles' and LuxCore's rivals.
+
+    Raises
+    ------
+    ValueError, RuntimeError
+        Without a reference, or what LuxCore would not show alike, or what failed.
+    """
+    reference = load_reference(references, source.name)
+    if reference is None:
+        raise ValueError(f"no reference of {source.name} in {references}: python -m benchmarks.light_tracing")
+    size = (reference.image.shape[1], reference.image.shape[0])
+    threads = threads or environment.thread_count()
+    unknown = [name for name in rivals if name.startswith("luxcore") and name not in ENGINES]
+    if unknown:
+        raise ValueError(f"no rival {unknown[0]!r}; of LuxCore there are: {', '.join(ENGINES)}")
+    others = [find_rival(name) for name in rivals if name not in ENGINES]
+    renders, failures = render_scene(
+        source, others, Budget(0, seconds), seeds, out=out, size=size, threads=threads, check=reference.require
+    )
+    if failures:
+        raise RuntimeError(f"{failures[0].rival}: {failures[0].message}")
+    rows = {
+        name: _row(
+            source.name, name, [render.image for render in found], [render.record.render_seconds for render in found],
+            [render.record.samples for render in found], reference.image,
+        )
+        for name, found in renders.items()
+    }  # fmt: skip
+    scene = open_scene(source, size=size)
+    exported = export_scene(scene)
+    for name in (name for name in rivals if name in ENGINES):
+        images, facts = [], []
+        for seed in range(1, seeds + 1):
+            config = configuration(name, exported, seed, threads, scene.cycles.max_bounces, seconds)
+            image, found = render_luxcore(exported, config, seconds, luxcore)
+            write_exr(out / source.name / f"{name}_{seconds:g}s_seed{seed}.exr", image)
+            images.append(image)
+            facts.append(found)
+        spent, samples = ([fact[key] for fact in facts] for key in ("seconds", "samples"))
+        rows[name] = _row(source.name, name, images, spent, samples, reference.image)
+    return [rows[name] for name in rivals]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Render and print a table; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.luxcore", description=__doc__)
+    parser.add_argument("scenes", nargs="*", default=list(SCENES), help=".blend files or builtin:NAME (default: two)")
+    rivals = ["cycles", "OFF", "AUTO", *ENGINES]
+    parser.add_argument("--rivals", nargs="+", default=rivals, help=f"(default: {' '.join(rivals)})")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each render (default: %(default)g)")
+    parser.add_argument("--seeds", type=int, default=3, help="(default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=0, help="0 = all cores")
+    parser.add_argument("--references", type=Path, required=True, help="folder of NAME.exr")
+    parser.add_argument("--luxcore", type=Path, default=Path("out/pyluxcore"), help="folder that has pyluxcore")
+    parser.add_argument("--out", type=Path, default=Path("out/luxcore"), help="folder for pictures")
+    chosen = parser.parse_args(arguments)
+    rows = []
+    try:
+        for source in expand(chosen.scenes):
+            rows += compare(
+                source, chosen.rivals, chosen.seconds, chosen.seeds, references=chosen.references,
+                luxcore=chosen.luxcore, out=chosen.out, threads=chosen.threads,
+            )  # fmt: skip
+    except (ValueError, RuntimeError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    header = ["scene", "rival", "seeds", "spp", "seconds", "ref err", "trimmed", "MAPE", "mean"]
+    print(table(header, rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
