@@ -195,8 +195,8 @@ def test_what_does_not_work_is_said_and_tried_once_a_job(
     experiment.mixture_u, experiment.strata = "NONE", 4
     animate(lamp_scene, tmp_path)
     assert sorted(problems()) == [
+        "neither time nor wavelengths are there to divide",
         "no torch",
-        "strata are of no use where nothing is learned within a frame",
         "the network does not see the time: choose experiment.mixture_u, for example Planes",
     ]
     assert len(calls) == 1
