@@ -16,6 +16,7 @@ from engine.builder.environment import EnvironmentMap, empty_map
 from engine.builder.lamps import Lamps, convert_lamps
 from engine.builder.light_clusters import divide_map
 from engine.builder.light_forest import Emitters, Forest, build_forest, find_sight, lamp_rows
+from engine.builder.media import SceneMedia
 from engine.builder.portals import build_portals
 from engine.kernels.lights.linked_portals import link_portals
 from engine.scene.description import Notice, SceneDescription, World
@@ -80,7 +81,9 @@ def _link_shadows(forest: Forest, blockers: Blockers | None, lamps: Lamps) -> Li
     masks[instance >= 0, 0] = blockers.surfaces[instance[instance >= 0]]
     hides = of_lamps != 0
     hidden = np.flatnonzero(hides & (lamps.order % 2 == 0)).astype(np.int32)
-    return forest.links._replace(blockers=masks, hides=hides.astype(np.uint8), hidden=hidden)
+    return forest.links._replace(
+        blockers=masks, casters=blockers.bits.astype(np.int32), hides=hides.astype(np.uint8), hidden=hidden
+    )
 
 
 def _varying(lamps: Lamps) -> Int32Array:
@@ -142,6 +145,7 @@ def build_lights(
     program_info: ProgramInfo,
     environment: EnvironmentMap | None = None,
     notices: list[Notice] | None = None,
+    media: SceneMedia | None = None,
 ) -> LightArrays:
     """Everything that emits, ready to be sampled.
 
@@ -155,6 +159,8 @@ def build_lights(
         The world's radiance on a grid of directions. None: the background is not sampled as a light, scattered rays
         find it; right for worlds of one colour and for `World.sampling` 'NONE'.
     notices : list of Notice, appended to
+    media : SceneMedia or None
+        Instances with a medium inside receive light together where they overlap.
     """
     notices = [] if notices is None else notices
     triangles = find_triangles(geometry, program_info)
@@ -183,7 +189,7 @@ def build_lights(
     blockers = find_blockers(description.linking, has_catchers=description.instances.has_catchers)
     # Kernels are compiled for scenes that link lights and shadows, or neither.
     sight = find_sight(
-        description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], is_wanted=blockers is not None
+        description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], media, notices, is_wanted=blockers is not None
     )
     bands, sectors, patches, patch_share = divide_map(environment)
     forest = build_forest(
