@@ -139,6 +139,14 @@ def _portals(world: World | None, environment: EnvironmentMap) -> dict[str, Any]
     return {"portals": portals, "portal_kernels": link_portals() if len(portals) else no_portal_kernels()}
 
 
+def _compensated(environment: EnvironmentMap, world: World | None) -> EnvironmentMap:
+    """The map without what scattering finds; empty where each has to find all light by itself."""
+    found = environment.compensated
+    if found is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
+        return empty_map()
+    return found
+
+
 def build_lights(
     description: SceneDescription,
     geometry: GeometryArrays,
@@ -197,10 +205,7 @@ def build_lights(
     )
     links = forest.links if sight is None else _link_shadows(forest, blockers, lamps)
 
-    compensated = environment.compensated
-    # Where scattering finds other light than sampling does, each has to find all of its own.
-    if compensated is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
-        compensated = empty_map()
+    compensated = _compensated(environment, world)
     cut_size, cluster_share = len(forest.cluster_node), _cluster_share(forest, patch_share)
     header = _header(world, program_info, lamps, len(forest.emitters), cut_size, len(cluster_share))
     header[la.HEADER_FIRST_PATCH] = len(cluster_share) - forest.patch_count
