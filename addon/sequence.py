@@ -197,9 +197,6 @@ def make_plan(
     if is_changing and not sees_time(settings):
         problem = "the network does not see the time: choose experiment.mixture_u, for example Planes"
         plan.notices.append(Notice(_SUBJECT, problem, "one mixture for all frames"))
-    if settings.strata > 1:
-        problem = "strata are of no use where nothing is learned within a frame"
-        plan.notices.append(Notice(_SUBJECT, problem, "they are not used"))
     return plan
 
 

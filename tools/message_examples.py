@@ -19,6 +19,7 @@ _SIZES = {
     "triangles": "900000000",
     "instances": "12",
     "lights": "3",
+    "settings.strata": "4",
     "strands": "90000000",
     "keys": "810000000",
     "size": "0.001 m",

@@ -26,6 +26,7 @@ from benchmarks.scenes import (
     limits,
     linked,
     linked_closures,
+    linked_media,
     local_lamps,
     many_blockers,
     matter,
@@ -58,8 +59,8 @@ from benchmarks.scenes.registry import SCENES, BuiltinScene, build
 __all__ = [
     "SCENES", "BuiltinScene", "build", "cameras", "caustics", "clamped", "closures", "coincident", "culled",
     "displaced", "displaced_followers", "failing_media", "failures", "fast_gi", "flat_hair", "furnished",
-    "geometry", "hair", "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "local_lamps",
-    "many_blockers", "matter", "matter_indoors", "matter_large", "media", "motion", "movies", "moving_strands",
-    "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms",
+    "geometry", "hair", "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "linked_media",
+    "local_lamps", "many_blockers", "matter", "matter_indoors", "matter_large", "media", "motion", "movies",
+    "moving_strands", "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms",
     "shape_data", "skies", "spectral", "stretched", "subsurface", "terminators", "textures", "wax", "windows",
 ]  # fmt: skip

@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from benchmarks.scenes.light_links import collection, link_light, link_shadows
 from benchmarks.scenes.registry import scene
 from benchmarks.scenes.studio import (
     add_object,
@@ -22,26 +23,6 @@ from benchmarks.scenes.studio import (
     stage,
     world,
 )
-
-
-def _collection(name: str, *objects: Any, excluded: tuple[Any, ...] = (), children: tuple[Any, ...] = ()) -> Any:
-    """A collection that belongs to no scene: its objects are included but for those that are excluded."""
-    made = bpy.data.collections.new(name)
-    for thing in (*objects, *excluded):
-        made.objects.link(thing)
-    for entry, thing in zip(made.collection_objects, made.objects, strict=True):
-        entry.light_linking.link_state = "EXCLUDE" if thing in excluded else "INCLUDE"
-    for child in children:
-        made.children.link(child)
-    return made
-
-
-def _receivers(thing: Any, collection: Any) -> None:
-    thing.light_linking.receiver_collection = collection
-
-
-def _blockers(thing: Any, collection: Any) -> None:
-    thing.light_linking.blocker_collection = collection
 
 
 def _balls() -> list[Any]:
@@ -61,13 +42,13 @@ def receivers() -> None:
     """Lamps of every kind that light some of four objects only, by collections that include, exclude and nest."""
     first, second, third, block = _balls()
     area = light("AREA", 150.0, (-2.0, -2.0, 3.0), size=1.0)
-    _receivers(area, _collection("of area", first, block))
+    link_light(area, collection("of area", first, block))
     point = light("POINT", 60.0, (2.5, -1.5, 2.0), shadow_soft_size=0.3)
-    _receivers(point, _collection("of point", excluded=(third,)))
+    link_light(point, collection("of point", excluded=(third,)))
     spot = light("SPOT", 300.0, (0.0, -3.0, 3.0), shadow_soft_size=0.2, spot_size=math.radians(60))
-    _receivers(spot, _collection("of spot", children=(_collection("nested", second, third),)))
+    link_light(spot, collection("of spot", children=(collection("nested", second, third),)))
     sun = light("SUN", 1.0, (2.0, -3.0, 4.0), angle=math.radians(5))
-    _receivers(sun, _collection("of sun", second, excluded=(block,)))
+    link_light(sun, collection("of sun", second, excluded=(block,)))
     light("POINT", 40.0, (0.0, 2.0, 2.5), shadow_soft_size=0.1)
 
 
@@ -79,9 +60,9 @@ def glowing() -> None:
     shiny = material("shiny", lambda nodes: nodes("BsdfAnisotropic", {"distribution": "GGX"}, Roughness=0.25))
     second.data.materials[0] = shiny
     left = add_object("left", quad("left", emitter((1.0, 0.7, 0.4), 12.0), 1.2, 1.2), (-2.2, 0.0, 2.0), (0, 2.2, 0))
-    _receivers(left, _collection("of left", second, block))
+    link_light(left, collection("of left", second, block))
     right = add_object("right", quad("right", emitter((0.4, 0.6, 1.0), 12.0), 1.2, 1.2), (2.2, 0.0, 2.0), (0, -2.2, 0))
-    _receivers(right, _collection("of right", excluded=(first, second)))
+    link_light(right, collection("of right", excluded=(first, second)))
     del third
 
 
@@ -90,13 +71,13 @@ def instances() -> None:
     """Instances of a collection, which go by what instances them."""
     first, *_ = _balls()
     bpy.context.scene.collection.objects.unlink(first)
-    holder = _collection("held", first)
+    holder = collection("held", first)
     for number, x in enumerate((-1.6, -0.6)):
         empty = add_object(f"empty {number}", None, (x + 1.6, -1.4 + number, 0.0))
         empty.instance_type, empty.instance_collection = "COLLECTION", holder
         if number == 0:
             lamp = light("AREA", 200.0, (-2.0, -2.0, 3.0), size=0.8)
-            _receivers(lamp, _collection("of lamp", empty))
+            link_light(lamp, collection("of lamp", empty))
     light("POINT", 30.0, (2.0, -2.0, 3.0), shadow_soft_size=0.2)
 
 
@@ -110,12 +91,12 @@ def shadows() -> None:
     )
     third.data.materials[0] = clear
     area = light("AREA", 200.0, (-2.0, -2.0, 3.0), size=0.8)
-    _blockers(area, _collection("no shadow", excluded=(first, third)))
+    link_shadows(area, collection("no shadow", excluded=(first, third)))
     point = light("POINT", 100.0, (2.5, -2.0, 2.5), shadow_soft_size=0.2)
-    _blockers(point, _collection("no box", excluded=(block,)))
+    link_shadows(point, collection("no box", excluded=(block,)))
     sun = light("SUN", 0.6, (2.0, -1.0, 4.0), angle=math.radians(4))
-    _blockers(sun, _collection("no ball", excluded=(second,)))
-    _receivers(sun, _collection("lit", excluded=(first,)))
+    link_shadows(sun, collection("no ball", excluded=(second,)))
+    link_light(sun, collection("lit", excluded=(first,)))
 
 
 @scene("linked-fog")
@@ -125,9 +106,9 @@ def fog() -> None:
     haze = material("haze", None, lambda nodes: nodes("VolumeScatter", Density=0.15))
     cloud = add_object("haze", box("haze", haze, (6.0, 5.0, 3.0)), (0.0, 0.0, 1.55))
     area = light("AREA", 250.0, (-2.0, -2.0, 2.8), size=0.6)
-    _receivers(area, _collection("not the haze", excluded=(cloud,)))
+    link_light(area, collection("not the haze", excluded=(cloud,)))
     point = light("POINT", 100.0, (2.0, -1.0, 2.2), shadow_soft_size=0.15)
-    _receivers(point, _collection("the haze", cloud, first))
+    link_light(point, collection("the haze", cloud, first))
 
 
 @scene("linked-rooms", samples=128)
@@ -144,9 +125,9 @@ def rooms() -> None:
             add_object(f"side {number}", box(f"side {number}", paint, (0.1, 4.0, 3.0)), (x - 0.5 * width, 0.0, 1.5)),
             add_object(f"thing {number}", sphere(f"thing {number}", diffuse((0.6, 0.5, 0.4)), 0.5), (x, 0.3, 0.5)),
         ]
-        own = _collection(f"room {number}", *parts)
+        own = collection(f"room {number}", *parts)
         for side in (-0.7, 0.7):
             lamp = light("AREA", 25.0, (x + side, -0.4, 2.7), size=0.4)
             lamp.rotation_euler = (0.0, 0.0, 0.0)
-            _receivers(lamp, own)
+            link_light(lamp, own)
     camera((0.0, -9.0, 2.2), (0.0, 0.5, 1.2), lens=26.0)

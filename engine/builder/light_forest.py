@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
 from engine.builder.light_clusters import choose_cut
 from engine.builder.light_tree import build_tree
-from engine.scene.linking import Linking, contains
+from engine.builder.media import SceneMedia
+from engine.scene.description import Notice
+from engine.scene.linking import MOST_SETS, Linking, contains
 from engine.state import lights as la
 from engine.state.lights import LightLinks
 
@@ -71,12 +74,15 @@ class Sight:
     ----------
     tree : int32 (I,)
         Tree of each instance as a receiver.
+    joined : int32 (S, S)
+        As `LightLinks.joined`.
     sees : bool (S, E)
     surfaces : int64 (I,), lamps : int64 (L,)
         Bit t: whether what it emits is seen by receivers of tree t.
     """
 
     tree: Int32Array
+    joined: Int32Array
     sees: np.ndarray
     surfaces: np.ndarray
     lamps: np.ndarray
@@ -92,8 +98,62 @@ def lamp_rows(emitters: Int32Array) -> Int32Array:
     return np.where(emitters[:, la.EMITTER_KIND] == la.LIGHT_BACKGROUND, -1, emitters[:, la.EMITTER_LAMP])
 
 
+@dataclass
+class _Choices:
+    """Choices of emitters, each with the light tree of its number.
+
+    of_surfaces, of_lamps : uint64 (I,), (L,)
+        Sets of receivers that each lights.
+    """
+
+    of_surfaces: np.ndarray
+    of_lamps: np.ndarray
+    surfaces: list[np.ndarray] = field(default_factory=list)
+    lamps: list[np.ndarray] = field(default_factory=list)
+    sets: list[tuple[int, ...]] = field(default_factory=list)
+    _known: dict[bytes, int] = field(default_factory=dict)
+
+    def tree(self, *sets: int) -> int:
+        """The tree of what lights receivers of all of these sets; -1: there are as many as rays can tell apart."""
+        surfaces = np.logical_and.reduce([contains(self.of_surfaces, number) for number in sets])
+        lamps = np.logical_and.reduce([contains(self.of_lamps, number) for number in sets])
+        # What is found but not sampled counts too: choices are of all that may emit.
+        pattern = surfaces.tobytes() + lamps.tobytes()
+        if pattern not in self._known:
+            if len(self.sets) == MOST_SETS:
+                return -1
+            self._known[pattern] = len(self.sets)
+            self.surfaces.append(surfaces)
+            self.lamps.append(lamps)
+            self.sets.append(sets)
+        return self._known[pattern]
+
+
+def _join(choices: _Choices, sets: list[int], notices: list[Notice]) -> Int32Array:
+    """`LightLinks.joined`, with trees for each two of the sets that media are in."""
+    trees = [choices.tree(number) for number in sets]
+    pairs: dict[tuple[int, int], int] = {}
+    for (one, first), (other, last) in combinations(zip(sets, trees, strict=True), 2):
+        if first != last and (first, last) not in pairs:
+            both = choices.tree(one, other)
+            if both < 0 and not notices:
+                notices.append(
+                    Notice(
+                        "scene", f"more than {MOST_SETS} different choices of lights, with those of media that overlap,"
+                        " are not supported", "what lights the medium that was entered first lights both",
+                    )
+                )  # fmt: skip
+            pairs[first, last] = pairs[last, first] = both
+    count = len(choices.sets)
+    joined = np.repeat(np.arange(count, dtype=np.int32)[:, None], count, axis=1)
+    for (first, last), both in pairs.items():
+        joined[first, last] = both if both >= 0 else first
+    return joined
+
+
 def find_sight(
-    linking: Linking | None, emitters: Int32Array, lamp_light: Int32Array, *, is_wanted: bool
+    linking: Linking | None, emitters: Int32Array, lamp_light: Int32Array, media: SceneMedia | None,
+    notices: list[Notice], *, is_wanted: bool,
 ) -> Sight | None:
     """Who sees what; None: all receivers see all emitters, and it `is_wanted` for nothing else.
 
@@ -103,6 +163,8 @@ def find_sight(
         As of `Emitters.table`.
     lamp_light : int32 (L,)
         Number in `SceneDescription.lights` of each row of lamps.
+    media : SceneMedia or None
+    notices : list of Notice, appended to
     """
     if linking is None:
         return None
@@ -111,23 +173,24 @@ def find_sight(
     lamp, instance = lamp_rows(emitters), emitters[:, la.EMITTER_INSTANCE]
     bits[lamp >= 0] = of_lamps[lamp[lamp >= 0]]
     bits[instance >= 0] = of_surfaces[instance[instance >= 0]]
+    choices = _Choices(of_surfaces, of_lamps)
     sets = np.unique(np.append(linking.receiver_set, 0)).tolist()
-    # What is found but not sampled counts too: patterns are of all that may emit.
-    patterns: dict[bytes, int] = {}
     tree_of_set = np.zeros(max(sets) + 1, np.int32)
-    chosen: list[int] = []
     for number in sets:
-        pattern = contains(of_surfaces, number).tobytes() + contains(of_lamps, number).tobytes()
-        if pattern not in patterns:
-            patterns[pattern] = len(chosen)
-            chosen.append(number)
-        tree_of_set[number] = patterns[pattern]
-    surfaces = np.array([contains(of_surfaces, number) for number in chosen]).reshape(len(chosen), -1)
-    lamps = np.array([contains(of_lamps, number) for number in chosen]).reshape(len(chosen), -1)
+        tree_of_set[number] = choices.tree(number)
+    of_media: list[int] = []
+    if media is not None:
+        # The world's medium is in no collection.
+        inside = linking.receiver_set[media.has_inside]
+        of_media = np.unique(np.append(inside, 0) if media.arrays.world[0] >= 0 else inside).tolist()
+    joined = _join(choices, of_media, notices)
+    surfaces, lamps = np.array(choices.surfaces), np.array(choices.lamps)
     if surfaces.all() and lamps.all() and not is_wanted:
         return None
-    sees = np.array([contains(bits, number) for number in chosen]).reshape(len(chosen), -1)
-    return Sight(tree_of_set[linking.receiver_set], sees, _bits(surfaces), _bits(lamps))
+    sees = np.array([np.logical_and.reduce([contains(bits, number) for number in chosen]) for chosen in choices.sets])
+    return Sight(
+        tree_of_set[linking.receiver_set], joined, sees.reshape(len(choices.sets), -1), _bits(surfaces), _bits(lamps)
+    )
 
 
 def _seeing_all(emitter_count: int) -> np.ndarray:
@@ -138,7 +201,7 @@ def no_links() -> LightLinks:
     """Every emitter lights everything."""
     nothing, narrow, wide = np.zeros(0, np.int32), np.zeros((0, 0), np.int32), np.zeros(0, np.int64)
     return LightLinks(
-        narrow, wide, wide, np.zeros((0, la.TREE_WIDTH), np.int32), nothing, nothing, nothing, narrow,
+        narrow, narrow, wide, wide, np.zeros((0, la.TREE_WIDTH), np.int32), nothing, nothing, nothing, narrow, nothing,
         np.zeros(0, np.uint8), nothing,
     )  # fmt: skip
 
@@ -210,9 +273,9 @@ def build_forest(emitters: Emitters, sight: Sight | None, patch_count: int) -> F
     links = no_links()
     if sight is not None:
         links = LightLinks(
-            np.ascontiguousarray(sight.tree[:, None]), sight.surfaces, sight.lamps, trees, rows.ravel(), tree,
-            np.concatenate(cluster_tree), np.zeros((0, 0), np.int32), np.zeros(len(sight.lamps), np.uint8),
-            np.zeros(0, np.int32),
+            np.ascontiguousarray(sight.tree[:, None]), sight.joined, sight.surfaces, sight.lamps, trees, rows.ravel(),
+            tree, np.concatenate(cluster_tree), np.zeros((0, 0), np.int32), np.zeros(0, np.int32),
+            np.zeros(len(sight.lamps), np.uint8), np.zeros(0, np.int32),
         )  # fmt: skip
     nodes, child, parent = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return Forest(

@@ -16,6 +16,7 @@ from engine.builder.environment import EnvironmentMap, empty_map
 from engine.builder.lamps import Lamps, convert_lamps
 from engine.builder.light_clusters import divide_map
 from engine.builder.light_forest import Emitters, Forest, build_forest, find_sight, lamp_rows
+from engine.builder.media import SceneMedia
 from engine.builder.portals import build_portals
 from engine.kernels.lights.linked_portals import link_portals
 from engine.scene.description import Notice, SceneDescription, World
@@ -80,7 +81,9 @@ def _link_shadows(forest: Forest, blockers: Blockers | None, lamps: Lamps) -> Li
     masks[instance >= 0, 0] = blockers.surfaces[instance[instance >= 0]]
     hides = of_lamps != 0
     hidden = np.flatnonzero(hides & (lamps.order % 2 == 0)).astype(np.int32)
-    return forest.links._replace(blockers=masks, hides=hides.astype(np.uint8), hidden=hidden)
+    return forest.links._replace(
+        blockers=masks, casters=blockers.bits.astype(np.int32), hides=hides.astype(np.uint8), hidden=hidden
+    )
 
 
 def _varying(lamps: Lamps) -> Int32Array:
@@ -136,12 +139,21 @@ def _portals(world: World | None, environment: EnvironmentMap) -> dict[str, Any]
     return {"portals": portals, "portal_kernels": link_portals() if len(portals) else no_portal_kernels()}
 
 
+def _compensated(environment: EnvironmentMap, world: World | None) -> EnvironmentMap:
+    """The map without what scattering finds; empty where each has to find all light by itself."""
+    found = environment.compensated
+    if found is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
+        return empty_map()
+    return found
+
+
 def build_lights(
     description: SceneDescription,
     geometry: GeometryArrays,
     program_info: ProgramInfo,
     environment: EnvironmentMap | None = None,
     notices: list[Notice] | None = None,
+    media: SceneMedia | None = None,
 ) -> LightArrays:
     """Everything that emits, ready to be sampled.
 
@@ -155,6 +167,8 @@ def build_lights(
         The world's radiance on a grid of directions. None: the background is not sampled as a light, scattered rays
         find it; right for worlds of one colour and for `World.sampling` 'NONE'.
     notices : list of Notice, appended to
+    media : SceneMedia or None
+        Instances with a medium inside receive light together where they overlap.
     """
     notices = [] if notices is None else notices
     triangles = find_triangles(geometry, program_info)
@@ -183,7 +197,7 @@ def build_lights(
     blockers = find_blockers(description.linking, has_catchers=description.instances.has_catchers)
     # Kernels are compiled for scenes that link lights and shadows, or neither.
     sight = find_sight(
-        description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], is_wanted=blockers is not None
+        description.linking, emitters, lamps.table[:, la.LAMP_LIGHT], media, notices, is_wanted=blockers is not None
     )
     bands, sectors, patches, patch_share = divide_map(environment)
     forest = build_forest(
@@ -191,10 +205,7 @@ def build_lights(
     )
     links = forest.links if sight is None else _link_shadows(forest, blockers, lamps)
 
-    compensated = environment.compensated
-    # Where scattering finds other light than sampling does, each has to find all of its own.
-    if compensated is None or world is None or not world.cast_shadow or world.max_bounces < _UNLIMITED_BOUNCES:
-        compensated = empty_map()
+    compensated = _compensated(environment, world)
     cut_size, cluster_share = len(forest.cluster_node), _cluster_share(forest, patch_share)
     header = _header(world, program_info, lamps, len(forest.emitters), cut_size, len(cluster_share))
     header[la.HEADER_FIRST_PATCH] = len(cluster_share) - forest.patch_count

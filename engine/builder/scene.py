@@ -298,7 +298,7 @@ def _build_lights(
 
     def build() -> tuple[LightArrays, list[Notice]]:
         found: list[Notice] = []
-        lights = build_lights(description, geometry, info, environment, found)
+        lights = build_lights(description, geometry, info, environment, found, media)
         lights.lamp_table[np.isin(lights.lamp_table[:, LAMP_LIGHT], in_place), LAMP_FLAGS] |= LAMP_FLAG_IN_SURFACE
         return lights, found
 
@@ -307,7 +307,8 @@ def _build_lights(
         world.visibility, world.max_bounces, world.cast_shadow, world.portals
     )
     emitting = content_digest((description.lights, of_world, info, description.linking))
-    key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes()
+    joins = () if description.linking is None else (media.has_inside.tobytes(), int(media.arrays.world[0]) >= 0)
+    key = cache.geometry.geometry.version, cache.environment.version, emitting, in_place.tobytes(), joins
     lights, notices = cache.lights.get(key, build)
     if media.emits:
         # Paths find light where nothing else is.

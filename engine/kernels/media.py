@@ -31,6 +31,13 @@ def first_medium(lanes, row):
 
 
 @kernel
+def last_medium(lanes, row):
+    """The instance of the medium that has been entered last of those around, -1: the world's, or none."""
+    count = lanes.count[row]
+    return np.int64(lanes.instance[row, count - 1]) if count > 0 else np.int64(-1)
+
+
+@kernel
 def enter_medium(lanes, row, instance, medium):
     """Add a medium to a row that does not have it; returns False if there is no room."""
     count = lanes.count[row]

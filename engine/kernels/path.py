@@ -4,8 +4,7 @@
 
 from engine.kernels.bsdf import HAS_TRANSMISSION, summarize
 from engine.kernels.constants import INFINITY
-from engine.kernels.lights import finds_all, tree_flags
-from engine.kernels.media import first_medium
+from engine.kernels.lights import finds_all, tree_flags, tree_of_receiver, tree_within
 from engine.kernels.path_depths import count_collision, count_scattering, count_transparent
 from engine.kernels.surface import offset_origin
 from engine.kernels.vector import load, store
@@ -147,7 +146,8 @@ def scatter_path(options, lights, paths, points, closures, lane, wi, label, pdf,
         paths.min_pdf[lane] = min(paths.min_pdf[lane], bsdf_pdf)
 
     ends = count_scattering(options, paths, lane, label)
-    flags = paths.flags[lane] & _RESET | starts_on | tree_flags(lights, paths.hit_instance[lane])
+    tree = tree_of_receiver(lights, paths.hit_instance[lane])
+    flags = paths.flags[lane] & _RESET | starts_on | tree_flags(lights, tree)
     flags |= RAY_REFLECT if label & RAY_REFLECT else RAY_TRANSMIT
     if label & RAY_DIFFUSE:
         flags |= RAY_DIFFUSE | RAY_DIFFUSE_ANCESTOR
@@ -196,7 +196,7 @@ def leave_collision(options, lights, paths, points, media, lane, wi, pdf, phase_
     _set_ray(paths, points, lane, real_3(points, lane, POINT_P), wi, source_pdf, unguided_pdf)
     paths.min_pdf[lane] = min(paths.min_pdf[lane], phase_pdf)
     flags = (paths.flags[lane] & _RESET & ~RAY_GATHERED) | RAY_VOLUME | RAY_MIS_HAD_TRANSMISSION
-    flags |= tree_flags(lights, first_medium(media, lane))
+    flags |= tree_flags(lights, tree_within(lights, media, lane))
     if count_collision(options, paths, media, lane):
         flags |= RAY_TERMINATE_AFTER_TRANSPARENT
     paths.flags[lane] = flags

@@ -14,7 +14,7 @@ from engine.guiding.sources.sequence import with_sequence_u
 from engine.render.film import DENOISING_PASSES, Film, film_layout
 from engine.render.light_passes import asks_for_groups
 from engine.render.request import RenderRequest
-from engine.render.strata import strata_count
+from engine.render.strata import are_learned, strata_count
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
 from engine.state.film import FilmLayout
@@ -68,6 +68,7 @@ def resolve(
         Whether other machines trace.
     """
     notices: list[Notice] = []
+    asked_strata = settings.strata
     if on_cluster:
         # Seconds of different machines do not compare: costs are counted in rays, and networks are trained between
         # iterations.
@@ -107,6 +108,8 @@ def resolve(
     settings = _with_denoiser(settings, notices)
     layout = _layout(settings, scene, passes)
     settings = replace(settings, strata=strata_count(settings, _film_bytes(scene.description.frame, layout)))
+    if 2 * settings.strata <= asked_strata:
+        notices.append(_lack_of_strata(settings, is_trained=learning.source is not None))
     request = RenderRequest(scene.description.frame, settings, layout, learning, first_samples)
     return Resolution(request, tuple(notices), cache_left_out)
 
@@ -154,6 +157,26 @@ def _with_u(settings: RenderSettings, description: SceneDescription, learning: L
         settings.spectral == "ON" and description.has_dispersion and settings.u_dimension in ("AUTO", "WAVELENGTH")
     )
     return settings.with_u("TIME" if has_time else "WAVELENGTH" if has_wavelength else "NONE")
+
+
+def _lack_of_strata(settings: RenderSettings, *, is_trained: bool) -> Notice:
+    """Why there are fewer strata than were asked for.
+
+    Parameters
+    ----------
+    settings : RenderSettings
+        With as many as there are.
+    is_trained : bool
+        Whether directions are drawn by what was learned before the frame.
+    """
+    problem = "there are too few samples for more, or their film would be too large"
+    if is_trained:
+        problem = "nothing is learned within a frame"
+    elif not are_learned(settings):
+        problem = "no neural mixture guides the render: choose one of NPM, NPM_PRODUCT, NASG"
+    elif settings.u_dimension == "NONE":
+        problem = "neither time nor wavelengths are there to divide"
+    return Notice("Strata", problem, f"there are {settings.strata}" if settings.strata > 1 else "they are not used")
 
 
 def _with_denoiser(settings: RenderSettings, notices: list[Notice]) -> RenderSettings:

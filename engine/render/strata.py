@@ -52,6 +52,11 @@ _COMBINED: dict[Enum | None, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
 }
 
 
+def are_learned(settings: RenderSettings) -> bool:
+    """Whether what guides a render may learn one stratum after the other."""
+    return settings.is_guided and SOURCES[settings.source].is_mixture
+
+
 def strata_count(settings: RenderSettings, film_bytes: int) -> int:
     """How many strata a render has, 1 = none: a power of two.
 
@@ -61,7 +66,7 @@ def strata_count(settings: RenderSettings, film_bytes: int) -> int:
     film_bytes : int
         Size of a film without strata.
     """
-    if not settings.is_guided or not SOURCES[settings.source].is_mixture:
+    if not are_learned(settings):
         return 1
     most = min(settings.strata, settings.samples // _LEAST_SAMPLES, _MOST_BYTES // max(film_bytes, 1))
     return 1 << max(most.bit_length() - 1, 0)

@@ -203,6 +203,8 @@ class LightLinks(Bundle):
     links have kernels that know nothing of them.
 
     receivers : int32 (I, 1), tree by which an instance receives light; (0, 0) without links
+    joined : int32 (S, S), tree by which light is received where media overlap, by the trees of two of them: its
+        emitters are those that both see
     surfaces : int64 (I,), bit t: what the instance emits lights the receivers of tree t
     lamps : int64 (L,), the same of lamps
     trees : int32 (S, TREE_WIDTH)
@@ -211,11 +213,13 @@ class LightLinks(Bundle):
     cluster_tree : int32 (clusters,), tree that each cluster belongs to
     blockers : int32 (E', 1), mask of shadow rays towards each row of `LightArrays.emitters`, 0 = everything casts
         shadows in its light; (0, 0) without links
+    casters : int32 (I,), masks of shadow rays that an instance casts shadows for; empty where no emitter has blockers
     hides : uint8 (L,), whether only some objects cast shadows in the light of a lamp
     hidden : int32 (K,), rows of those lamps that have an extent
     """
 
     receivers: Int32Array
+    joined: Int32Array
     surfaces: Int64Array
     lamps: Int64Array
     trees: Int32Array
@@ -223,6 +227,7 @@ class LightLinks(Bundle):
     tree: Int32Array
     cluster_tree: Int32Array
     blockers: Int32Array
+    casters: Int32Array
     hides: Uint8Array
     hidden: Int32Array
 

@@ -11,7 +11,7 @@ from engine.accel.ray_words import MOST_BOUNDARIES
 from engine.accel.rays import read_hit, trace_closest_from, trace_occluded_from
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.exponential import decay
-from engine.kernels.lights import links_shadows
+from engine.kernels.lights import casts_shadow, links_shadows
 from engine.kernels.media import add_depth, attenuate, copy_media, cross_boundary, leave_objects
 from engine.kernels.path import ends_on_light, real_3
 from engine.kernels.prefetch import ask_for_media, ask_for_point
@@ -117,9 +117,14 @@ def _length_beyond(scene, work, lane):
 
 
 @kernel
-def _cross(scene, work, row, instance, triangle, is_back):
-    """Take row `row` of the media through a boundary."""
+def _cross(scene, work, lane, row, instance, triangle, is_back):
+    """Take row `row` of the media, those of a lane's shadow ray, through a boundary.
+
+    What casts no shadow in the light is not entered, as in Cycles.
+    """
     geometry = scene.geometry
+    if not is_back and not casts_shadow(scene.lights, work.samples.emitter[lane], instance):
+        return
     medium = scene.media.of_program[program_of(geometry, instance, triangle)]
     if medium >= 0 and geometry.instance_table[instance, INSTANCE_VISIBILITY] & VISIBLE_SHADOW:
         if not cross_boundary(work.media, row, instance, medium, is_back):
@@ -183,7 +188,7 @@ def _pass_boundaries(scene, work, lane, row, own, rest, beyond, mask):
                 _, _, _, gap = _meet(scene, direction, instance, triangle, u, v, time)
             add_depth(scene, paths, media, lane, own, max(distance - gap - passed, 0.0))
             passed = distance + gap
-            _cross(scene, work, own, instance, triangle, is_back)
+            _cross(scene, work, lane, own, instance, triangle, is_back)
         if not far < rest:
             break
         near, far = far, rest
@@ -431,7 +436,7 @@ def find_shadow_collisions(scene, unit, work, queue):
                 scene, direction, instance, triangle, tracking.u[own], tracking.v[own], time
             )
             tracking.rest[own] = rest - (tracking.end[own] + gap) if rest < FAR else DISTANT
-            _cross(scene, work, own, instance, triangle, dot(ng, direction) > 0.0)
+            _cross(scene, work, lane, own, instance, triangle, dot(ng, direction) > 0.0)
             store(tracking.origin, own, offset_origin(p, ng, direction, error))
             _look_for_leg(scene, work, row, own)
             _start_leg(scene, work, row, own)

@@ -26,13 +26,12 @@ from engine.kernels.lights import (
     draw_cell,
     draw_triangle,
     sample_emitter,
-    tree_of_receiver,
+    tree_within,
 )
 from engine.kernels.lights.segments import LONGEST, pick_for_segment
 from engine.kernels.lights.tree import emitter_pmf, selection_row
 from engine.kernels.media import (
     any_varies,
-    first_medium,
     leave_objects,
     length_in_media,
     sum_coefficients,
@@ -177,7 +176,7 @@ def light_segments(scene, unit, work, queue):
             paths.rng[lane], paths.sample[lane], paths.dimension[lane] + SET_SEGMENT
         )
         origin, direction = load(paths.origin, lane), load(paths.direction, lane)
-        tree = tree_of_receiver(lights, first_medium(media, lane))
+        tree = tree_within(lights, media, lane)
         emitter, pmf = pick_for_segment(lights, tree, origin, direction, length, reach, u_light)
         if emitter < 0 or not pmf > 0.0:
             continue

@@ -20,7 +20,6 @@ from engine.kernels.lights import (
     drawn_triangle,
     finds_all,
     group_of_few,
-    is_linked,
     is_of_map,
     pick_among_few,
     put_triangle,
@@ -28,9 +27,9 @@ from engine.kernels.lights import (
     sample_emitter,
     sample_triangles,
     tree_of_receiver,
+    tree_within,
     triangle_of,
 )
-from engine.kernels.media import first_medium
 from engine.kernels.path import ends_on_light, mark_shadow, real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_ray, ask_for_throughput, lane_ahead, prefetch
 from engine.kernels.radiance import power_heuristic
@@ -121,10 +120,10 @@ def _take_receivers(scene, work, lanes, first, lane_count, learns_lights):
 
 @kernel(forceinline=True)
 def _tree_of(lights, work, lane):
-    """The light tree of what a lane's path has met; within media that of the medium that the path has entered first."""
+    """The light tree of what a lane's path has met: a surface, or the media that it is in."""
     instance = np.int64(work.paths.hit_instance[lane])
-    if is_linked(lights) and instance < 0:
-        instance = first_medium(work.media, lane)
+    if instance < 0:
+        return tree_within(lights, work.media, lane)
     return tree_of_receiver(lights, instance)
 
 

@@ -12,10 +12,11 @@ from engine.accel.rays import trace_closest
 from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.constants import DISTANT, INFINITY
 from engine.kernels.hit_prefetch import TRIANGLES_AHEAD, VERTICES_AHEAD, ask_for_triangle, ask_for_vertices
-from engine.kernels.lights import lamp_hit
+from engine.kernels.lights import lamp_hit, medium_shines
 from engine.kernels.media import (
     cross_boundary,
     emitted_length,
+    last_medium,
     leave_objects,
     length_in_media,
     sum_coefficients,
@@ -81,11 +82,14 @@ def _add_medium_emission(scene, unit, work, lane, distance):
 @kernel
 def _add_emission(scene, unit, work, lane):
     """Add row `lane` of `work.f_cos`, emitted by media, to the path."""
-    paths, media, emission = work.paths, work.media, work.f_cos
-    # As in Cycles, all of it is light of the medium that the path has been in for longest.
+    paths, emission = work.paths, work.f_cos
+    # As in Cycles, all of it is light of the medium that the path has entered last.
+    instance = last_medium(work.media, lane)
+    if not medium_shines(scene.lights, paths.flags[lane], instance):
+        return
     group = scene.header[SCENE_WORLD_GROUP]
-    if media.instance[lane, 0] >= 0:
-        group = scene.geometry.instance_table[media.instance[lane, 0], INSTANCE_LIGHT_GROUP]
+    if instance >= 0:
+        group = scene.geometry.instance_table[instance, INSTANCE_LIGHT_GROUP]
     share = add_emission(
         scene.options, scene.spectrum, paths, work.passes, lane, emission, np.float32(1.0),
         found_alone(paths.unguided[lane]), group, unit.film, FEATURE_EMISSION, unit.header[UNIT_USE_FEATURES] != 0,

@@ -15,6 +15,7 @@ from benchmarks.scene_files import SceneSource, open_scene
 from benchmarks.scenes import SCENES
 from tests.helpers.light_groups import grouped
 from tests.helpers.light_sums import LOBES, lit_by, sum_of_passes
+from tests.helpers.parity.scenes import LINKED_MEDIA
 from tests.helpers.pass_files import NAMES, ask_for_passes, render_passes
 from tests.helpers.pass_scenes import make_material, see_through
 from tests.helpers.some_cases import some_of
@@ -30,8 +31,7 @@ COMPARABLE = sorted(
     name
     for name, scene in SCENES.items()
     if scene.group not in ("failures", "spectral", "furnished", "caustics", "clamped", "matter_indoors", "matter_large")
-    and name != "torus-in-glass"
-    and name not in ALWAYS
+    and name not in ("torus-in-glass", *LINKED_MEDIA, *ALWAYS)
 )
 
 
@@ -47,7 +47,7 @@ def render_by(scene: Any, rival: str, samples: int, seed: int, path: Path, **set
 
 
 #: As in Cycles, light that the picture alone has; and linked lights in media, which take a minute to compile.
-NOT_SUMMED = ("fast-gi-add", "linked-fog")
+NOT_SUMMED = ("fast-gi-add", *LINKED_MEDIA)
 #: Few scenes that touch much: all lobes, volumes, transparency, lamps that are seen, the world, emission, holes in the
 #: picture.
 FAST = [

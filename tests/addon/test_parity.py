@@ -34,6 +34,8 @@ from tests.helpers.parity.scenes import (
     COMPARABLE,
     COMPARISONS,
     FAST,
+    LINKED,
+    LINKED_MEDIA,
     PLAIN,
     STOPPED,
     Comparison,
@@ -144,6 +146,12 @@ def test_the_clamp_takes_what_it_takes_in_cycles(name: str, tmp_path: Path) -> N
     # Of three seeds a mean has ten times the noise with a cache, which `tests/engine/render/test_clamping.py` tests.
     for renderer in ("OFF", "AUTO"):
         assert_same(name, means(CLAMPED_ROOMS, name, renderer, 3, tmp_path), theirs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LINKED_MEDIA)
+def test_media_get_and_dim_linked_light_as_in_cycles(name: str, tmp_path: Path) -> None:
+    assert_same(name, means(LINKED, name, "OFF", 3, tmp_path), cycles_means(LINKED, name, tmp_path))
 
 
 @pytest.mark.slow

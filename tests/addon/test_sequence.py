@@ -191,12 +191,10 @@ def test_what_does_not_work_is_said_and_tried_once_a_job(
 
     refuse_workers(monkeypatch)
     calls = failing_training(monkeypatch)
-    experiment = lamp_scene.neuralguide.experiment
-    experiment.mixture_u, experiment.strata = "NONE", 4
+    lamp_scene.neuralguide.experiment.mixture_u = "NONE"
     animate(lamp_scene, tmp_path)
     assert sorted(problems()) == [
         "no torch",
-        "strata are of no use where nothing is learned within a frame",
         "the network does not see the time: choose experiment.mixture_u, for example Planes",
     ]
     assert len(calls) == 1

@@ -99,10 +99,11 @@ class RecordBudget:
         Records of a path that is recorded, as far as is known.
     is_frugal : bool
         Whether few are wanted, since nobody knows yet whether what is learned pays.
-    samples_left : float
-        Samples a pixel to come after the iteration, as far as it is known; 0: nobody will go by what it records.
-    samples_to_come : float
-        The same, whoever goes by what it records; 0: it is not known yet.
+    samples_to_come : float or None
+        Samples a pixel behind the iteration, by whose number records are wanted; None: nobody knows how many.
+    is_for_image : bool
+        Whether those samples alone go by what is recorded. Else some of it has another use, as teaching a network, and
+        is wanted however little of the render is to come.
     """
 
     def __init__(
@@ -114,8 +115,8 @@ class RecordBudget:
         self._unit_pixels = unit_pixels
         self.records_per_path = rules.expected_records_per_path
         self.is_frugal = False
-        self.samples_left = math.inf
-        self.samples_to_come = 0.0
+        self.samples_to_come: float | None = None
+        self.is_for_image = False
 
     def count(self, record_count: int, path_count: float) -> None:
         """Take how many records came of so many recorded paths, those included that there was no room for."""
@@ -131,12 +132,12 @@ class RecordBudget:
         of_image = max(expected * self.paths_per_sample * pixel_share, 1.0)
         wanted: float = self._wanted
         if self.is_frugal:
-            of_render = rules.few_per_path_left * self.samples_to_come * self.paths_per_sample
+            of_render = rules.few_per_path_left * (self.samples_to_come or 0.0) * self.paths_per_sample
             wanted = min(wanted, max(rules.few_records, rules.few_share * of_image, of_render))
-        if self.samples_left <= 0.0:
-            return 0
-        of_rest = rules.records_per_path_left * self.samples_left * self.paths_per_sample
-        wanted = min(wanted, max(rules.few_records, of_rest))
+        if self.is_for_image and self.samples_to_come is not None:
+            # Something is to come, whatever was expected: of the last iteration nobody asks.
+            of_rest = rules.records_per_path_left * max(self.samples_to_come, 1.0) * self.paths_per_sample
+            wanted = min(wanted, max(rules.few_records, of_rest))
         share = min(
             wanted / of_image,
             rules.fullest_unit * RECORD_ROWS / max(expected * self._unit_pixels, 1.0),

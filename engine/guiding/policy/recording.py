@@ -92,14 +92,14 @@ class GuidedRecording(Recording):
         if iteration.is_early:
             weights = None if self._context.light_clusters is None else iteration.image.weights
             return Guidance(settings, int(iteration.traced.recorded_share * 2**32), pixel_weight=weights)
-        left = iteration.samples_left - iteration.next_range[1]
-        budget.samples_to_come = max(left, 0.0)
-        if not self._needs_all and (self._cache is None or self._cache.is_over):
-            budget.samples_left = 0.0 if iteration.is_next_last else max(left, 1.0)
+        budget.samples_to_come = max(iteration.samples_left - iteration.next_range[1], 0.0)
+        budget.is_for_image = not self._needs_all and (self._cache is None or self._cache.is_over)
         if self._source is not None and self._source.is_over:
             # From the next iteration on: what stands in for the source has learned from all of this one.
             self._needs_all = False
         budget.is_frugal = self._guiding.is_doubtful
+        if budget.is_for_image and iteration.is_next_last:
+            return Guidance(settings, 0)
         threshold = budget.threshold(iteration.next_range[1] * agenda.guided_share, agenda.pixel_share)
         has_cache = self._cache is not None and not self._cache.is_over
         # What outlives the render is to know as much as it can.

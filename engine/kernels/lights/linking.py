@@ -7,6 +7,7 @@ type.
 
 import numpy as np
 
+from engine.kernels.media import first_medium, last_medium
 from engine.runtime.jit import kernel
 from engine.state.lanes import RAY_CAMERA, RAY_TREE_MASK, RAY_TREE_SHIFT
 from engine.state.lights import (
@@ -41,6 +42,20 @@ def tree_of_receiver(lights, instance):
 
 
 @kernel(forceinline=True)
+def tree_within(lights, media, row):
+    """The light tree of a point within the media of a row of `MediaLanes`.
+
+    As in Cycles, which asks the medium entered first when it chooses a light, and that entered last when it samples it:
+    where media overlap, what lights both counts.
+    """
+    if not is_linked(lights):
+        return _FIRST
+    first = tree_of_receiver(lights, first_medium(media, row))
+    last = tree_of_receiver(lights, last_medium(media, row))
+    return first if first == last else np.int64(lights.links.joined[first, last])
+
+
+@kernel(forceinline=True)
 def tree_of_emitter(lights, emitter):
     """The light tree that a row of `LightArrays.emitters` is in."""
     if not is_linked(lights):
@@ -57,11 +72,11 @@ def tree_of_ray(lights, flags):
 
 
 @kernel(forceinline=True)
-def tree_flags(lights, instance):
-    """RAY_* bits of a ray that an instance scatters (-1: the world), which `tree_of_ray` reads."""
+def tree_flags(lights, tree):
+    """RAY_* bits of a ray that is scattered where light comes by a tree, which `tree_of_ray` reads."""
     if not is_linked(lights):
-        return 0 * instance
-    return tree_of_receiver(lights, instance) << RAY_TREE_SHIFT
+        return _FIRST
+    return tree << RAY_TREE_SHIFT
 
 
 @kernel(forceinline=True)
@@ -115,6 +130,14 @@ def surface_shines(lights, flags, instance):
 
 
 @kernel(forceinline=True)
+def medium_shines(lights, flags, instance):
+    """As `surface_shines`, of a medium (-1: the world's): cameras see of it what lights objects in no collection."""
+    if not is_linked(lights) or instance < 0:
+        return True
+    return (lights.links.surfaces[instance] >> tree_of_ray(lights, flags)) & _ONE != 0
+
+
+@kernel(forceinline=True)
 def lamp_shines(lights, flags, row):
     """As `surface_shines`, of a lamp."""
     if not is_linked(lights) or flags & RAY_CAMERA:
@@ -132,6 +155,15 @@ def links_shadows(lights):
 def has_blockers(lights, emitter):
     """Whether only some objects cast shadows in an emitter's light."""
     return links_shadows(lights) and lights.links.blockers[emitter, 0] != 0
+
+
+@kernel(forceinline=True)
+def casts_shadow(lights, emitter, instance):
+    """Whether an instance dims an emitter's light (-1: none's)."""
+    if not links_shadows(lights) or emitter < 0:
+        return True
+    blockers = lights.links.blockers[emitter, 0]
+    return blockers == 0 or lights.links.casters[instance] & blockers != 0
 
 
 @kernel(forceinline=True)

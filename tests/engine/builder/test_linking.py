@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from engine.accel.masks import (
     MASK_RAYCAST,
 )
 from engine.builder.blockers import find_blockers
+from engine.builder.geometry import build_geometry
+from engine.builder.lights import build_lights
 from engine.builder.scene import SceneCache, build_scene
 from engine.scene.description import Light, SceneDescription
 from engine.scene.linking import ALL_SETS, MOST_SETS, Linking
@@ -33,7 +36,7 @@ from engine.state.lights import (
     TREE_LAST_DISTANT,
     TREE_ROOT,
 )
-from tests.helpers.light_probe import build, picks, pmfs
+from tests.helpers.light_probe import build, no_programs, picks, pmfs
 from tests.helpers.small_scenes import floor_scene
 
 
@@ -114,6 +117,56 @@ def test_probabilities_of_a_tree_sum_to_one_and_are_those_of_picking() -> None:
     share = np.bincount(found, minlength=len(probability)) / 4000
     mine = lights.links.tree == 1
     assert np.abs(share - np.where(mine, probability, 0.0)).max() < 4.0 * 0.5 / 4000**0.5
+
+
+def joined(scene: SceneDescription, has_inside: list[bool], world: int = -1) -> tuple[Any, list[Any]]:
+    """Lights of a scene with media inside of some instances, and notices."""
+    media: Any = SimpleNamespace(has_inside=np.array(has_inside), arrays=SimpleNamespace(world=np.array([world])))
+    notices: list[Any] = []
+    return build_lights(scene, build_geometry(scene, [], []), no_programs(), None, notices, media), notices
+
+
+def lamps_of(lights: Any, tree: int) -> list[int]:
+    """Numbers of the lamps in a light tree."""
+    rows = lights.links.rows.reshape(len(lights.links.trees), -1)[tree]
+    return sorted(lights.lamp_table[lights.emitters[rows[rows >= 0], EMITTER_LAMP], LAMP_LIGHT].tolist())
+
+
+def test_two_media_that_overlap_have_a_tree_of_what_lights_both() -> None:
+    lights, notices = joined(linked([0, 1, 2, 1], LAMPS), [False, True, True, False])
+    first, second = lights.links.receivers[1, 0], lights.links.receivers[2, 0]
+    both = lights.links.joined[first, second]
+    assert len(lights.links.trees) == 3 and notices == []
+    assert both == lights.links.joined[second, first] and both not in (first, second)
+    assert lamps_of(lights, both) == sorted({*lamps_of(lights, first)} & {*lamps_of(lights, second)}) == [3, 4, 5]
+    assert [lights.links.joined[tree, tree] for tree in range(3)] == [0, 1, 2]
+    assert (lights.links.lamps >> int(both) & 1)[np.argsort(lights.lamp_table[:, LAMP_LIGHT])].tolist() == [
+        0, 0, 0, 1, 1, 1, 0
+    ]  # fmt: skip
+
+
+def test_the_world_s_medium_is_in_no_collection() -> None:
+    lights, _ = joined(linked([1, 1], LAMPS), [True, False], world=0)
+    assert lamps_of(lights, lights.links.joined[0, lights.links.receivers[0, 0]]) == [3, 4, 5]
+    # One medium alone joins nothing.
+    assert len(joined(linked([1, 1], LAMPS), [True, False])[0].links.trees) == 2
+
+
+def test_more_choices_of_overlapping_media_than_rays_tell_apart_are_named() -> None:
+    """Twelve media have 66 pairs, each with two lamps less than all."""
+    scene = linked(list(range(1, 13)), [ALL_SETS] * 7)
+    scene.lights = [lamp("POINT", number) for number in range(12)]
+    assert scene.linking is not None
+    scene.linking.lamp_receivers = np.array([ALL_SETS - 2 ** (number + 1) for number in range(12)], np.uint64)
+    scene.linking.lamp_blockers = np.full(12, ALL_SETS, np.uint64)
+    lights, notices = joined(scene, [True] * 12)
+    assert len(lights.links.trees) == MOST_SETS
+    assert "overlap" in notices[0].problem and len(notices) == 1
+    trees = lights.links.receivers[:, 0]
+    shared = [(a, b) for a in trees for b in trees if a != b]
+    known = [tree for a, b in shared if (tree := lights.links.joined[a, b]) != a]
+    assert len(shared) - len(known) == 2 * (66 - (MOST_SETS - 13))
+    assert all(len(lamps_of(lights, tree)) == 10 for tree in known)
 
 
 def test_what_links_nothing_costs_nothing() -> None:

@@ -162,3 +162,36 @@ def test_a_cluster_counts_in_rays_and_lets_kernels_compute_networks():
 def test_a_render_stops_at_the_first_samples_that_are_asked_for(first_samples, samples):
     request = resolved(RenderSettings(samples=64), scene_of(), first_samples=first_samples)[0].request
     assert (request.samples, request.settings.samples) == (samples, 64)
+
+
+STRATA = RenderSettings(guiding_method="NPM", mixture_u="PLANES", samples=64, strata=4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "scene", "problem", "fallback"),
+    [
+        ({"guiding_method": "VMM"}, {"moves": True}, "no neural mixture guides", "not used"),
+        ({"guiding_method": "AUTO"}, {"moves": True}, "no neural mixture guides", "not used"),
+        ({"guiding_method": "OFF"}, {"moves": True}, "no neural mixture guides", "not used"),
+        ({}, {}, "neither time nor wavelengths", "not used"),
+        ({"u_dimension": "WAVELENGTH"}, {"moves": True}, "neither time nor wavelengths", "not used"),
+        ({"samples": 16}, {"moves": True}, "too few samples", "there are 2"),
+        ({"samples": 7}, {"moves": True}, "too few samples", "not used"),
+    ],
+)
+def test_strata_that_are_left_out_are_noticed(changes, scene, problem, fallback):
+    found, _ = resolved(replace(STRATA, **changes), scene_of(**scene))
+    (notice,) = found.notices
+    assert notice.subject == "Strata" and problem in notice.problem and fallback in notice.fallback
+
+
+def test_a_field_of_a_sequence_has_no_strata():
+    learning = LearningRequest(source=SimpleNamespace(u_dimension="TIME"))
+    found, problems = resolved(STRATA, scene_of(moves=True), learning=learning)
+    assert found.request.settings.strata == 1 and problems == ["nothing is learned within a frame"]
+
+
+@pytest.mark.parametrize(("asked", "count"), [(0, 1), (1, 1), (4, 4), (7, 4)])
+def test_strata_become_a_power_of_two_without_a_word(asked, count):
+    found, problems = resolved(replace(STRATA, strata=asked), scene_of(moves=True))
+    assert found.request.settings.strata == count and problems == []

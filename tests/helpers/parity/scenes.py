@@ -26,18 +26,20 @@ FAST = (
 #: Where light is made to be found seldom, unguided samples say nothing in a test's time: the study's lamps are all
 #: hidden. Cycles disperses nothing. Furnished rooms take minutes, and so do most media made to fail. Of boundaries in
 #: one place Cycles loses some, and its light samples of sheared lamps are none of what its rays find
-#: (docs/differences.md). Linked lights in media take a minute to compile.
+#: (docs/differences.md). Linked lights in media take a minute to compile, and have a
+#: comparison of their own.
 _LEFT_OUT = (
-    "torus-in-glass", "weathered-rooms", "study", "evening-room-fog", "linked-fog", "linked-rooms", "lamp-sheared"
+    "torus-in-glass", "weathered-rooms", "study", "evening-room-fog", "linked-rooms", "lamp-sheared"
 )  # fmt: skip
 _GROUPS_LEFT_OUT = ("failures", "spectral", "furnished", "caustics", "clamped", "matter_indoors", "matter_large")
+LINKED_MEDIA = ("linked-fog", *sorted(name for name, scene in SCENES.items() if scene.group == "linked_media"))
 _QUICK = ("forward", "backward", "thin", "huge", "colors")
 COMPARABLE = tuple(
     sorted(
         name
         for name, scene in SCENES.items()
         if scene.group not in _GROUPS_LEFT_OUT
-        and name not in _LEFT_OUT
+        and name not in (*_LEFT_OUT, *LINKED_MEDIA)
         and (scene.group != "failing_media" or name.removeprefix("fail-fog-") in _QUICK)
         or name == "spectral-colors"
     )
@@ -95,4 +97,5 @@ AT_DEFAULTS = Comparison("defaults", COMPARABLE, samples=64, at_defaults=True, n
 #: many samples ours is mixed with them, and has their mean, which Cycles' denoised pictures miss by up to 1%.
 STOPPED = Comparison("stopped", FAST, samples=320, at_defaults=True, noise_threshold=0.01)
 CLAMPED_ROOMS = Comparison("clamped", CLAMPED, at_defaults=True)
-COMPARISONS = (PLAIN, AT_DEFAULTS, STOPPED, CLAMPED_ROOMS)
+LINKED = Comparison("linked", LINKED_MEDIA, sample_factor=4)
+COMPARISONS = (PLAIN, AT_DEFAULTS, STOPPED, CLAMPED_ROOMS, LINKED)

@@ -52,18 +52,21 @@ def test_what_is_still_to_come_pays_for_records_before_anybody_knows(pixels: int
 
 
 def test_fewer_paths_are_recorded_where_little_is_left() -> None:
-    """In proportion to the paths to come, but not below what a trial has; of the last iteration none."""
+    """In proportion to the paths to come, but not below what a trial has; where nobody knows how many, all."""
     pixels = 14_400
     budget = RecordBudget(pixels, 128)
+    budget.is_for_image = True
 
-    def records(left: float) -> float:
-        budget.samples_left = left
+    def records(to_come: float | None) -> float:
+        budget.samples_to_come = to_come
         return budget.threshold(16.0) / 2**32 * 4.0 * 16 * pixels
 
-    assert records(1000.0) == pytest.approx(RULES.records_per_iteration, rel=1e-3)
+    assert records(1000.0) == records(None) == pytest.approx(RULES.records_per_iteration, rel=1e-3)
     assert records(32.0) == pytest.approx(RULES.records_per_path_left * 32 * pixels, rel=1e-3)
-    assert records(1.0) == pytest.approx(RULES.few_records, rel=1e-3)
-    assert records(0.0) == 0.0
+    # Of the last iteration nobody asks, so that one sample is to come at least.
+    assert records(1.0) == records(0.0) == pytest.approx(RULES.few_records, rel=1e-3)
+    budget.is_for_image = False
+    assert records(32.0) == pytest.approx(RULES.records_per_iteration, rel=1e-3)
 
 
 def test_guiding_a_quarter_of_the_pixels_needs_as_many_records() -> None:

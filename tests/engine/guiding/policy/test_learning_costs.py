@@ -98,21 +98,36 @@ def test_few_paths_record_where_others_end_in_cells() -> None:
     assert threshold_beside_cache(1 << 20, early, 0.25) == 1 << 20
 
 
-@pytest.mark.parametrize("outlives", [False, True])
-def test_what_outlives_a_render_learns_from_all_paths(outlives: bool) -> None:
-    """A field of a preview had half of its regions, and renders from it a quarter more error."""
+def recorded_share(
+    cache: Standing | None, *, outlives: bool = False, source: Any = None, is_last: bool = False
+) -> float:
+    """Of the paths of an iteration of 8 samples, behind 16 of 64, in a picture of 16 pixels."""
     facts: Any = SimpleNamespace(
         settings=RenderSettings(samples=64, guiding_method="VMM"), unit_pixels=16, rules=RULES,
         request=SimpleNamespace(is_for_later=outlives), light_clusters=None,
     )
     guiding: Any = SimpleNamespace(is_doubtful=False)
-    recording = GuidedRecording(facts, RecordBudget(16, 16), guiding, 1, None, Standing())
+    recording = GuidedRecording(facts, RecordBudget(16, 16), guiding, 1, source, cache)
     iteration: Any = SimpleNamespace(
-        is_early=False, next_sample=16, next_range=(16, 8), samples_left=48.0, is_next_last=False
+        is_early=False, next_sample=16, next_range=(16, 8), samples_left=48.0, is_next_last=is_last
     )
     agenda: Any = SimpleNamespace(guided_share=1.0, pixel_share=1.0)
-    share = recording.next(iteration, agenda).record_threshold / 2**32
+    return float(recording.next(iteration, agenda).record_threshold / 2**32)
+
+
+@pytest.mark.parametrize("outlives", [False, True])
+def test_what_outlives_a_render_learns_from_all_paths(outlives: bool) -> None:
+    """A field of a preview had half of its regions, and renders from it a quarter more error."""
+    share = recorded_share(Standing(), outlives=outlives)
     assert share == pytest.approx(1.0 if outlives else RULES.cache_recorded_share)
+
+
+def test_no_path_of_the_last_iteration_records_but_for_a_network_or_cells() -> None:
+    assert recorded_share(None) == 1.0
+    assert recorded_share(None, is_last=True) == 0.0
+    assert recorded_share(Standing(is_over=True), is_last=True) == 0.0
+    assert recorded_share(Standing(), is_last=True) > 0.0
+    assert recorded_share(None, source=SimpleNamespace(is_over=False), is_last=True) > 0.0
 
 
 def test_fewer_paths_record_where_only_cells_learn() -> None:
