@@ -261,8 +261,7 @@ def _describe(
             return -1
     owner = item.instance_object if item.is_instance else shown.original.evaluated_get(context.depsgraph)
     parent = item.parent if item.is_instance else shown
-    visibility = _ray_visibility(shown)
-    is_holdout = False
+    visibility, is_holdout = _ray_visibility(shown), False
     if has_shape:
         if item.is_instance:
             visibility &= _ray_visibility(parent)

@@ -61,6 +61,7 @@ __all__ = [
     "displaced", "displaced_followers", "failing_media", "failures", "fast_gi", "flat_hair", "furnished",
     "geometry", "hair", "inlined", "lamp_switches", "lights", "limits", "linked", "linked_closures", "linked_media",
     "local_lamps", "many_blockers", "matter", "matter_indoors", "matter_large", "media", "motion", "movies",
-    "moving_strands", "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals", "rooms",
-    "shape_data", "skies", "spectral", "stretched", "subsurface", "terminators", "textures", "wax", "windows",
+    "moving_strands", "node_rays", "patterned_lamps", "patterns", "plants", "portals", "principled", "ray_portals",
+    "rooms", "shape_data", "skies", "spectral", "stretched", "subsurface", "terminators", "textures", "wax",
+    "windows",
 ]  # fmt: skip

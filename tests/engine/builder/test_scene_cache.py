@@ -450,8 +450,7 @@ CHANGES: dict[str, list[Change]] = {
     "Instances.properties": [_set("instances.properties", {}),
                              _edit("instances.properties", lambda p: {k: 0.5 * v for k, v in p.items()})],
     "SceneDescription.passes": [_set("passes", PassSettings())],
-    "SceneDescription.fast_gi": [_set("fast_gi", FastGi(1))],
-    "SceneDescription.asks_for_caustics": [_set("asks_for_caustics", True)],
+    **{f"SceneDescription.{name}": [_set(name, one)] for name, one in (("fast_gi", FastGi(1)), ("asks_for_caustics", True))},
     "SceneDescription.bake": [_set("bake", first_triangle(8, 6))],
     "PassSettings.alpha_threshold": [_set("passes.alpha_threshold", 0.9)],
     "PassSettings.mist_start": [_set("passes.mist_start", 2.0)],
@@ -480,8 +479,7 @@ UNSEEN = frozenset({
     "PassSettings.mist_depth", "PassSettings.mist_falloff", "PassSettings.motion", "PassMotion.camera",
     "PassMotion.lens", "PassMotion.instances", "PassMotion.shapes", "PassSettings.occlusion_distance",
     *(f"PassSettings.{name}" for name in _OFF + _ON), "SceneDescription.light_groups", "SceneDescription.fast_gi",
-    "SceneDescription.asks_for_caustics",
-    "World.light_group",
+    "World.light_group", "SceneDescription.asks_for_caustics",
 })  # fmt: skip
 
 
