@@ -31,6 +31,7 @@ _SIZES = {
     "len(raw)": "17",
     "len(self)": "8",
     "MOST_KEYS": "129",
+    "MOST_SETS": "64",
     "count": "4",
     "len(pool.workers())": "3",
     "int((~keep).sum())": "12",
