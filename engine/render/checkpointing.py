@@ -131,6 +131,8 @@ class Checkpointing:
         self._hold = FileHold()
         #: Whether another process renders the same, so that this one leaves the file alone.
         self._is_off = False
+        #: Whether what killed processes have left is removed: whoever writes looks for it.
+        self._is_clean = False
         #: Whether the file holds a part of this render, and whether all of it.
         self.is_written = self.is_whole = False
         #: Whether this render has written the file, or taken it up, and whether it has come to its end.
@@ -146,6 +148,14 @@ class Checkpointing:
         CheckpointRefused
             If it does not fit, and the plan insists, or asks for films that are there.
         """
+        try:
+            return self._begun(request)
+        except BaseException:
+            self.close()
+            raise
+
+    def _begun(self, request: RenderRequest) -> tuple[RenderRequest, Film]:
+        """As `begin`."""
         self._request, self._seed = request, request.settings.seed
         film = request.make_film()
         self._interval = max(self.plan.interval, film.nbytes / self.plan.most_rate)
@@ -298,9 +308,10 @@ class Checkpointing:
         path = self.plan.path
         if not self._hold.take(path):
             raise _TakenElsewhere
-        if not self.is_own:
+        if not self._is_clean:
             path.parent.mkdir(parents=True, exist_ok=True)
             remove_parts(path)
+            self._is_clean = True
         _check_room(path.parent, sum(values.nbytes for tile in sums.values() for values in tile))
         if learned is not None:
             learned = replace(learned, light_digest=self._identity.scene)

@@ -63,10 +63,11 @@ class Renderer:
         with self._monkeypatch.context() as patch:
             if interruption is not None:
                 interruption.install(patch)
-            result = self._session.render(
-                passes=self._passes, should_cancel=None if interruption is None else interruption.should_cancel
-            )
-        checkpointing.close()
+            should_cancel = None if interruption is None else interruption.should_cancel
+            try:
+                result = self._session.render(passes=self._passes, should_cancel=should_cancel)
+            finally:
+                checkpointing.close()
         self.resumed = checkpointing.resumed
         return result
 
