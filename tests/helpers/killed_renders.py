@@ -2,7 +2,8 @@
 """Renders that are killed at any moment, many a minute: a process that has built its scene forks each of them.
 
 As a module, `python -m tests.helpers.killed_renders FOLDER SETTINGS` is that process. It renders the scene whole, and
-then once for each line that it reads: how long the render may live [s]. It answers each with a line of what came of it.
+then once for each line that it reads: how many checkpoints the render may live. It answers each with a line of what
+came of it. Half a checkpoint is half of the time that the last one took: so a busy machine kills no sooner.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import signal
 import struct
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +36,9 @@ PASSES = {"Combined", "Depth", "Variance", "Sample Count"}
 #: Of the checkpoint, of the whole picture, and of that of a render which was killed before.
 CHECKPOINT, WHOLE, RESUMED = "x.ngcheckpoint", "whole.npz", "resumed.npz"
 FINISHED = -1
+_ANNOUNCED = struct.Struct("qq")
+#: Between two looks at that, and about what the first checkpoint takes [s].
+_NAP, _FIRST = 0.001, 0.05
 
 
 @dataclass(frozen=True)
@@ -67,10 +72,10 @@ class KilledRenders:
         self.folder = folder
         self._answer()
 
-    def render(self, seconds: float) -> Fate:
-        """Go on with the frame, and kill that so long after it has begun."""
+    def render(self, life: float) -> Fate:
+        """Go on with the frame, and kill that after so many checkpoints."""
         assert self._process.stdin is not None
-        self._process.stdin.write(f"{seconds}\n")
+        self._process.stdin.write(f"{life}\n")
         self._process.stdin.flush()
         return Fate(**self._answer())
 
@@ -101,16 +106,17 @@ class _Server:
         self._plan = CheckpointPlan(
             folder / CHECKPOINT, SceneDigest(description), self._session.settings.seed, interval=0.002, resumes=True
         )
-        self._announced = mmap.mmap(-1, 8)
+        #: Of the render: paths that are kept, and how many checkpoints it has written.
+        self._announced = mmap.mmap(-1, _ANNOUNCED.size)
         self._render(WHOLE)
 
     def _render(self, name: str) -> None:
         result = self._session.render(passes=PASSES)
         np.savez(self._folder / name, **result.passes)  # type: ignore[arg-type]
 
-    def fate(self, seconds: float) -> dict[str, Any]:
-        """Of a render that may live so long."""
-        self._announced[:] = struct.pack("q", 0)
+    def fate(self, life: float) -> dict[str, Any]:
+        """Of a render that may write so many checkpoints."""
+        self._announced[:] = _ANNOUNCED.pack(0, 0)
         begun, begins = os.pipe()
         child = os.fork()
         if child == 0:
@@ -121,14 +127,26 @@ class _Server:
                 os._exit(1)
         os.close(begins)
         os.read(begun, 1)
-        # It is at its end where the pipe is closed.
-        if not select.select([begun], [], [], None if math.isinf(seconds) else seconds)[0]:
+        if not self._outlives(begun, life):
             os.kill(child, signal.SIGKILL)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         os.close(begun)
         assert status in (0, -signal.SIGKILL), status
-        (announced,) = struct.unpack("q", self._announced)
+        announced, _ = _ANNOUNCED.unpack(self._announced)
         return {"was_killed": status != 0, "announced": announced, "orphans": _processes_of(child)}
+
+    def _outlives(self, begun: int, life: float) -> bool:
+        """Wait until a render has had its life, or is at its end, where its pipe is closed."""
+        before = last = time.monotonic()
+        written = 0
+        while written < math.floor(life) if life < math.inf else True:
+            if select.select([begun], [], [], _NAP)[0]:
+                return True
+            _, now_written = _ANNOUNCED.unpack(self._announced)
+            if now_written > written:
+                before, last, written = last, time.monotonic(), now_written
+        rest = (life - math.floor(life)) * (last - before if written else _FIRST)
+        return bool(select.select([begun], [], [], rest)[0])
 
     def _live(self, begins: int) -> None:
         """Go on with the frame to its end, with one checkpoint after the other."""
@@ -137,14 +155,15 @@ class _Server:
 
         def save(path: Path, checkpoint: Any, *others: Any) -> None:
             real(path, checkpoint, *others)
-            self._announced[:] = struct.pack("q", checkpoint.state.path_count)
+            _, written = _ANNOUNCED.unpack(self._announced)
+            self._announced[:] = _ANNOUNCED.pack(checkpoint.state.path_count, written + 1)
 
         checkpointing.save_checkpoint = save
         kept = Checkpointing(self._plan, lambda notice: print(notice, file=sys.stderr))
         self._session.checkpointing = kept
         os.write(begins, b".")
         self._render(RESUMED)
-        self._announced[:] = struct.pack("q", FINISHED)
+        self._announced[:] = _ANNOUNCED.pack(FINISHED, 0)
         kept.discard()
         os._exit(0)
 

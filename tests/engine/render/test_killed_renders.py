@@ -18,10 +18,11 @@ from engine.render.checkpoint_file import load_checkpoint
 from tests.helpers.killed_renders import CHECKPOINT, FINISHED, RESUMED, WHOLE, KilledRenders
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
-#: How long a render lives at most [s]: it writes some checkpoints in that time.
-LONGEST = 0.25
+#: Checkpoints that a render writes at most before it is killed.
+LONGEST = 4.0
 PLAIN = {"guiding_method": "OFF", "radiance_cache": "OFF", "samples": 600}
-NOISE = PLAIN | {"samples": 1500, "use_adaptive_sampling": True, "adaptive_threshold": 0.004, "adaptive_min_samples": 16}
+THRESHOLD = {"use_adaptive_sampling": True, "adaptive_threshold": 0.004, "adaptive_min_samples": 16}
+NOISE = PLAIN | THRESHOLD | {"samples": 1500}
 GUIDED = {"guiding_method": "VMM", "guiding_trial": False, "radiance_cache": "OFF", "samples": 300}
 
 
