@@ -76,7 +76,7 @@ class Wishes:
     def of_scene(self, scene: bpy.types.Scene) -> Wishes:
         """The same where the scene has been asked what it leaves open."""
         ours = scene.neuralguide
-        asked = dataclasses.replace(self, keeps=self.keeps or ours.keep_film)
+        asked = dataclasses.replace(self, keeps=self.keeps or (ours.keep_unfinished and ours.keep_film))
         if self.interval is not None:
             return asked
         if ours.keep_unfinished:

@@ -112,7 +112,7 @@ _ADDON_SETTINGS = (
     ),
     Setting(
         "keep_film", False, "Keep Finished Films",
-        "Keep the film of a finished frame next to its file, so that the command line can give it more samples"
+        "Keep the film of a finished frame next to its file too, so that the command line can give it more samples"
         " (--add-samples), or merge it with others (--merge)",
         "Performance",
     ),

@@ -94,8 +94,8 @@ def _frame_of(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) ->
         return checkpoints.commanded
     if _job.frame is None:
         scene = bpy.data.scenes.get(_job.scene_name) or depsgraph.scene
-        asked = checkpoints.Wishes(resumes=scene.neuralguide.keep_unfinished, is_patient=True).of_scene(scene)
-        path = kept_path(scene, is_animation=engine.is_animation) if asked.is_any else None
+        asked = checkpoints.Wishes(resumes=True, is_patient=True).of_scene(scene)
+        path = kept_path(scene, is_animation=engine.is_animation) if asked.interval else None
         if path is not None:
             _job.frame = checkpoints.FrameCheckpoints(scene, path, asked, lambda text: _say(engine, text))
     return _job.frame
@@ -143,6 +143,8 @@ def note_view(
     if sequence.frame_range is not None or checkpointing is None:
         return
     _kept.pop(scene.name, None)
+    # It may have been cancelled once it was rendered, while it was denoised.
+    checkpointing.is_finished = checkpointing.is_finished and not report.cancelled
     if checkpointing.is_written and not checkpointing.is_finished:
         kept = _kept[scene.name] = Kept(scene.frame_current, checkpointing.plan.path)
         _say(engine, f"frame {kept.frame} is kept as far as it came, in {kept.path}: rendered again, it goes on")

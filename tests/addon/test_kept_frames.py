@@ -18,6 +18,7 @@ import pytest
 from engine.runtime.file_locks import FileHold
 from engine.scene.description import Notice
 from tests.helpers.command_line import names, run_here
+from tests.helpers.small_scenes import pit_scene
 from tests.helpers.waiting import wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -125,6 +126,17 @@ def test_a_cancelled_still_goes_on_to_the_same_bits(window: Window, capfd: Any) 
     assert np.array_equal(window.picture(), whole)
     assert names(window.folder) == [] and kept_frames.kept_of(window.scene) is None
     assert last_render.last_outcomes(window.scene)[0].resumed == went_on.resumed
+
+
+def test_what_is_cancelled_while_it_is_denoised_is_kept(window: Window, monkeypatch: Any) -> None:
+    from engine.render.session import Denoising
+
+    window.scene.neuralguide.use_denoising = True
+    with monkeypatch.context() as patch:
+        patch.setattr(Denoising, "run", lambda *_args: False)
+        assert window.render().status == "CANCELLED"
+    assert names(window.folder) == ["x_0001.exr.ngcheckpoint"]
+    assert window.render().resumed == SAMPLES and names(window.folder) == []
 
 
 @pytest.mark.parametrize("is_persistent", [False, True])
@@ -251,6 +263,18 @@ def test_where_a_frame_is_kept(window: Window, blender: Any, tmp_path: Path) -> 
     scene = blender.context.scene
     scene.render.filepath, scene.render.image_settings.file_format = "//x_", "OPEN_EXR"
     assert found() == temporary / "unsaved_x_0001.exr"
+
+
+def test_scenes_that_are_parts_of_a_picture_have_files_of_their_own(window: Window, blender: Any) -> None:
+    from addon.checkpoints import FrameCheckpoints, Wishes
+
+    frame = FrameCheckpoints(window.scene, window.folder / "x.exr", Wishes(interval=60.0), print)
+    found = []
+    for scene in (window.scene, blender.data.scenes["Two"]):
+        scene.view_layers[0].update()
+        begun = frame.begin(scene.view_layers[0].depsgraph, "", pit_scene(), 0, print, keeps_meshes=True)
+        found.append(begun.plan.path.name)
+    assert found == ["x.exr.ngcheckpoint", "x.exr.Two.ngcheckpoint"]
 
 
 def test_movies_are_not_kept_and_that_is_said(window: Window) -> None:
