@@ -114,7 +114,7 @@ class SceneDigest:
     """A digest of all that a picture depends on besides the settings: the pixels of images, the camera and the frame.
 
     Where two descriptions have the same, the same settings make the same picture of them. It is worked out when it is
-    first asked for, which takes a second for each gigabyte, and most renders are over before anybody asks. Whoever
+    first asked for, which takes two seconds for each gigabyte, and most renders are over before anybody asks. Whoever
     asks may do so while the scene is rendered, but nobody may change the description.
 
     Parameters

@@ -82,7 +82,7 @@ class FakeEngine:
         # What the Cryptomatte passes are told of is nothing.
         return SimpleNamespace(
             frame=Frame(width=width, height=height, region=region), instances=SimpleNamespace(name=(), asset=()),
-            materials=(),
+            materials=(), meshes=(),
         )
 
 
