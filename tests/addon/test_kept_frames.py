@@ -68,9 +68,14 @@ class Window:
         self.scene.frame_set(1)
 
     @property
+    def outcomes(self) -> list[Any]:
+        """How renders went."""
+        return list(self._engine.outcomes)
+
+    @property
     def last(self) -> Any:
-        """The last outcome."""
-        return self._engine.outcomes[-1]
+        """How the last one did."""
+        return self.outcomes[-1]
 
     def render(self, **how: Any) -> Any:
         """To its end."""
@@ -195,7 +200,7 @@ def test_layers_that_were_finished_are_not_rendered_again(window: Window) -> Non
     window.cancel("x_0001.exr.1.ngcheckpoint")
     assert names(window.folder) == ["x_0001.exr.0.ngcheckpoint", "x_0001.exr.1.ngcheckpoint"]
     assert window.render().resumed > 0
-    first, second = list(window._engine.outcomes)[-2:]
+    first, second = window.outcomes[-2:]
     assert first.resumed == SAMPLES and 0 < second.resumed < SAMPLES and names(window.folder) == []
 
 
@@ -228,7 +233,7 @@ def test_films_of_finished_frames_are_kept_where_that_is_asked(window: Window, b
     assert window.render().status == "FINISHED" and names(window.folder) == ["x_0001.exr.ngfilm"]
     blender.ops.wm.save_mainfile()
     line = [str(window.folder / "scene.blend"), "-o", "//x_", "--add-samples", "20", "-f", "1"]
-    assert run_here(monkeypatch, *line) == 0 and window._engine.outcomes[-1].report.sample_count == 32
+    assert run_here(monkeypatch, *line) == 0 and window.last.report.sample_count == 32
 
 
 def test_the_command_line_does_as_the_scene_says(blend_file: Path, blender: Any, monkeypatch: Any) -> None:

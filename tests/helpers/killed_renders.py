@@ -120,11 +120,13 @@ class _Server:
         begun, begins = os.pipe()
         child = os.fork()
         if child == 0:
+            code = 1
             try:
                 self._live(begins)
+                code = 0
             finally:
                 # Whatever failed, the server's code is not to go on here.
-                os._exit(1)
+                os._exit(code)
         os.close(begins)
         os.read(begun, 1)
         if not self._outlives(begun, life):
@@ -165,7 +167,6 @@ class _Server:
         self._render(RESUMED)
         self._announced[:] = _ANNOUNCED.pack(FINISHED, 0)
         kept.discard()
-        os._exit(0)
 
 
 def _processes_of(session: int) -> int:

@@ -110,10 +110,9 @@ def test_renders_shorter_than_their_patience_leave_no_file(monkeypatch, path, wh
 def test_where_memory_is_short_nothing_is_copied(monkeypatch, path):
     from engine.scene import limits
 
+    made = renderer(monkeypatch, path)
     monkeypatch.setattr(limits, "usable_memory", lambda: 0)
     monkeypatch.setattr(limits, "swap_memory", lambda: 1 << 50)
-    made = renderer(monkeypatch, path)
-    monkeypatch.setattr("engine.render.session.check_film", lambda *_args: None)
     made.taken_up(keeps=True)
     assert not path.exists() and made.notices[0].problem == "there is no memory for a copy of the film"
 

@@ -106,7 +106,7 @@ def test_a_scene_has_the_same_digest_once_it_is_built():
 def test_another_scene_has_another_digest(change):
     description = pit_scene()
     if change == "mesh":
-        description.meshes[0].vertices[0] += 1e-3
+        description.meshes[0].vertices = description.meshes[0].vertices + 1e-3
     if change == "camera":
-        description.camera.transform[0, 3] += 1e-3
+        description.camera.transform = description.camera.transform + 1e-3
     assert SceneDigest(description, ("layer",) if change == "context" else ()).value != scene_digest(pit_scene())
