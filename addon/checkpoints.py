@@ -259,7 +259,7 @@ def files_of(path: Path) -> list[Path]:
 
 def remove(path: Path) -> bool:
     """Remove a checkpoint; False: another process renders what is in it, or the folder cannot be written."""
-    from engine.runtime.file_locks import FileHold
+    from engine.processes.file_locks import FileHold
 
     hold = FileHold()
     if not hold.take(path):

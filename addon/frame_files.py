@@ -15,7 +15,7 @@ from pathlib import Path
 
 import bpy
 
-from engine.runtime.file_locks import lock
+from engine.processes.file_locks import lock
 
 from .output_files import is_whole, was_interrupted
 

@@ -19,13 +19,13 @@ from typing import Protocol
 from engine.guiding.fields.state import StateError
 from engine.guiding.policy.learner import Learner
 from engine.guiding.saved.learned import LOST, LearnedField
+from engine.processes.file_locks import FileHold
 from engine.render.checkpoint import Checkpoint, Identity
 from engine.render.checkpoint_file import CheckpointError, load_checkpoint, load_film, save_checkpoint, sums_of
 from engine.render.film import Film
 from engine.render.film_addition import add_film
 from engine.render.loop_state import LooksState, LoopState
 from engine.render.request import RenderRequest
-from engine.runtime.file_locks import FileHold
 from engine.runtime.whole_files import remove_parts
 from engine.scene.description import Notice
 from engine.scene.digest import SceneDigest

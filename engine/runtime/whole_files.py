@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
-from engine.runtime.file_locks import FileHold
+from engine.processes.file_locks import FileHold
 
 #: Another program may hold the target open for a moment, on Windows [s].
 _PATIENCE = 2.0
@@ -50,7 +50,7 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], None]) -> None:
 def remove_parts(path: Path) -> None:
     """Remove what processes that were killed have left beside a file that `write_whole` writes.
 
-    What another process is writing stays, if that holds it (`engine.runtime.file_locks.FileHold.of_open`).
+    What another process is writing stays, if that holds it (`engine.processes.file_locks.FileHold.of_open`).
     """
     with contextlib.suppress(OSError):
         for part in path.parent.iterdir():

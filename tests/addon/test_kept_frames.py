@@ -15,7 +15,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from engine.runtime.file_locks import FileHold
+from engine.processes.file_locks import FileHold
 from engine.scene.description import Notice
 from tests.helpers.command_line import names, run_here
 from tests.helpers.small_scenes import pit_scene

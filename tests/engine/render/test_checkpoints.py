@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.processes.file_locks import FileHold
 from engine.render import checkpoint
 from engine.render.checkpoint import Checkpoint, Identity
 from engine.render.checkpoint_file import CheckpointError, load_checkpoint, load_film, save_checkpoint, sums_of
@@ -17,7 +18,6 @@ from engine.render.checkpointing import CheckpointRefused
 from engine.render.film_addition import add_film
 from engine.render.loop_state import LoopState
 from engine.render.strata import StrataFilm
-from engine.runtime.file_locks import FileHold
 from engine.state.film import allocate_tile
 from tests.helpers.interrupted import Renderer
 from tests.helpers.small_scenes import pit_scene, sun

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.runtime.file_locks import FileHold
+from engine.processes.file_locks import FileHold
 from engine.runtime.whole_files import remove_parts, write_whole
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks")
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[3]
 HOLDER = """
 import sys, time
 from pathlib import Path
-from engine.runtime.file_locks import FileHold
+from engine.processes.file_locks import FileHold
 hold = FileHold()
 print(hold.take(Path(sys.argv[1])), flush=True)
 time.sleep(900)
