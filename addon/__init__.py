@@ -21,6 +21,8 @@ def _modules() -> list:  # type: ignore[type-arg]
         bug_report,
         denoise_after_render,
         engine,
+        kept_frames,
+        kept_frames_operator,
         last_render,
         learned_fields,
         light_mix_lamps,
@@ -41,9 +43,9 @@ def _modules() -> list:  # type: ignore[type-arg]
     from .viewport import windows
 
     return [
-        log, properties, saved_settings, engine, sequence, learned_fields, operators, sequence_operator,
-        denoise_after_render, light_mix_picture, light_mix_lamps, light_mix_operator, make_light_groups,
-        ui, light_mix_panel, last_render, bug_report, preferences, warm_up, windows,
+        log, properties, saved_settings, engine, sequence, kept_frames, kept_frames_operator, learned_fields,
+        operators, sequence_operator, denoise_after_render, light_mix_picture, light_mix_lamps, light_mix_operator,
+        make_light_groups, ui, light_mix_panel, last_render, bug_report, preferences, warm_up, windows,
     ]  # fmt: skip
 
 

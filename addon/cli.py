@@ -14,23 +14,19 @@ from typing import Any
 
 import bpy
 
-from . import checkpoints, console, denoise_over_time, engine, learned_fields, register, sequence
+from . import checkpoints, console, denoise_over_time, ending_signals, engine, learned_fields, register, sequence
 from .cli_arguments import Action, CommandLineError, parse_frame, parse_frames
 from .cli_denoising import denoise_animation, denoise_frames
 from .cli_mixing import mix_frames
 from .declared_settings import parse_setting, setting_owner
 from .denoise_sequence import find_frames
 from .exr_layers import LayersError
-from .frame_files import FrameClaim, is_finished
+from .frame_files import FrameClaim, frame_paths, is_finished
 from .log import log_failure
 from .output_files import was_written
 
 #: Names that Blender's -F knows and RNA spells otherwise.
 _FORMATS = {"TGA": "TARGA", "RAWTGA": "TARGA_RAW", "JP2": "JPEG2000", "MULTILAYER": "OPEN_EXR_MULTILAYER"}
-
-#: What asks a process to end: Ctrl-C, schedulers of farms, a terminal that is closed, a limit on processor time, and
-#: Ctrl-Break on Windows.
-_ENDING_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU", "SIGBREAK")
 
 
 class RenderFailed(Exception):
@@ -267,14 +263,14 @@ class CommandLineRenderer:
         elif render.use_overwrite or self._wishes.added or self._wishes.merged:
             # Blender would leave files alone that are there.
             render.use_overwrite = True
-            self._trace(frames, _frame_paths(render, frames[0]))
+            self._trace(frames, frame_paths(render, frames[0]))
         else:
             self._trace_unless_finished(frames[0])
 
     def _trace_unless_finished(self, frame: int) -> None:
         """Render a frame that nobody has rendered, and that nobody renders now."""
         render = self._scene.render
-        paths = _frame_paths(render, frame)
+        paths = frame_paths(render, frame)
         if all(map(is_finished, paths)):
             console.say(f"NeuralGuide: frame {frame} is left as it is: {paths[0]} is there")
             checkpoints.forget(paths[0])
@@ -306,7 +302,7 @@ class CommandLineRenderer:
         outcome_count = engine.outcome_count()
         sequence.frame_range = range_before
         engine.saves_picture = True
-        checkpoints.current = kept_frame = checkpoints.begin_frame(paths, self._wishes)
+        checkpoints.commanded = kept_frame = checkpoints.begin_frame(scene, paths, self._wishes)
         problem = ""
         status = set()
         try:
@@ -318,7 +314,7 @@ class CommandLineRenderer:
             _set_range(scene, *range_before)
             sequence.frame_range = None
             engine.saves_picture = False
-            checkpoints.current = None
+            checkpoints.end_frame()
         outcomes = engine.outcomes_since(outcome_count)
         missing = [path for path in paths if not was_written(path, started)]
         is_cancelled = status != {"FINISHED"} and not self.is_interrupted
@@ -349,17 +345,6 @@ def _problem_of(outcomes: list[engine.Outcome], missing: list[Path], *, is_cance
         if failed:
             return "; ".join(failed)
     return f"{missing[0]} was not written: is the folder writable, is the disk full?" if missing else ""
-
-
-def _frame_paths(render: bpy.types.RenderSettings, frame: int) -> list[Path]:
-    """The files that a frame is saved to: one, or in stereo one for each eye where the format has no room for both."""
-    views: list[bpy.types.SceneRenderView] = []
-    if render.use_multiview and render.image_settings.views_format == "INDIVIDUAL":
-        names = ("left", "right") if render.views_format == "STEREO_3D" else tuple(render.views.keys())
-        views = [view for view in render.views if view.use and view.name in names]
-    if not views:
-        return [Path(render.frame_path(frame=frame))]
-    return [Path(render.frame_path(frame=frame, view=view.name)) for view in views]
 
 
 def _set_range(scene: bpy.types.Scene, start: int, end: int) -> None:
@@ -413,7 +398,7 @@ def run(actions: list[Action]) -> int:
         128 and its number.
     """
     renderer = CommandLineRenderer()
-    previous = _handle_signals(lambda number, _frame: renderer.interrupt(number))
+    previous = ending_signals.handle(lambda number, _frame: renderer.interrupt(number))
     try:
         for action in actions:
             renderer.run(action)
@@ -432,16 +417,3 @@ def run(actions: list[Action]) -> int:
         console.complain(f"{len(renderer.failures)} frame(s) failed")
         return 1
     return 128 + renderer.interrupted_by if renderer.is_interrupted else 0
-
-
-def _handle_signals(handler: Callable[[int, Any], None]) -> dict[int, Any]:
-    """Have a handler called for signals that ask for an end; returns who handled them before."""
-    previous = {}
-    for name in _ENDING_SIGNALS:
-        number = getattr(signal, name, None)
-        if number is None:
-            continue
-        # Who asks for a render that outlives the terminal (nohup) gets one.
-        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
-            previous[number] = signal.signal(number, handler)
-    return previous

@@ -37,8 +37,8 @@ makes no sense.
                                the file is made, and what is learned is saved to it
   --cluster <address>          Have other processes render: local:4 for four on this machine, tcp://HOST:PORT or
                                tls://HOST:PORT for the workers of a scheduler of Dask (docs/farm.md)
-  --checkpoint <seconds>       How often a frame is kept next to its file while it is rendered, for --resume; 0 = never
-                               (60)
+  --checkpoint <seconds>       How often a frame is kept next to its file while it is rendered, for --resume; 0 = never.
+                               Else once a minute, large ones less often, where the scene keeps unfinished frames
   --resume                     Go on with a frame where it was kept last. Leave frames alone whose files are there and
                                whole, and make an empty file for each frame when it begins: Blender's Overwrite off,
                                and Placeholders on

@@ -104,6 +104,19 @@ _ADDON_SETTINGS = (
         "Use another seed in every frame, so that noise does not stand still in an animation", "Advanced",
     ),
     Setting(
+        "keep_unfinished", True, "Keep Unfinished Frames",
+        "Keep a frame next to its file every minute while it is rendered, and when it is cancelled. Rendered again, it"
+        " goes on from there, even after a crash. Frames that take less than a minute are not kept; the file goes once"
+        " the frame is finished",
+        "Performance",
+    ),
+    Setting(
+        "keep_film", False, "Keep Finished Films",
+        "Keep the film of a finished frame next to its file too, so that the command line can give it more samples"
+        " (--add-samples), or merge it with others (--merge)",
+        "Performance",
+    ),
+    Setting(
         "film_exposure", 1.0, "Exposure", "Brightness of the film: multiplies every colour pass", "Film", minimum=0,
     ),
 )  # fmt: skip

@@ -9,16 +9,16 @@ import functools
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from . import (
-    checkpoints,
     denoise_over_time,
     figures,
     freestyle,
+    kept_frames,
     light_mix_picture,
     material_preview,
     passes,
@@ -26,13 +26,13 @@ from . import (
 )
 from .baking import BakeHook
 from .failures import what_failed
-from .frame_parts import is_only_picture, part_count, place, total_fraction
+from .frame_parts import is_only_picture, place
 from .learned_fields import FieldPlan
 from .log import log_failure, logger
-from .progress import TerminalBar, status_line
 from .properties import render_settings
 from .shared_settings import layer_is_denoised, layer_samples
 from .shown_notices import forget_notices, show_notices
+from .shown_progress import shown_progress
 from .unsupported_settings import unsupported_settings
 from .viewport import windows
 from .waiting_picture import WaitingPicture
@@ -53,6 +53,7 @@ class Outcome:
 
     `first_image` is when the first picture was shown, by `time.monotonic`; nan if none was. `notices` are those of the
     settings and of the scene. `has_picture`: whether Blender has got what was rendered, which may be a part of it.
+    `resumed`: samples a pixel that were taken up from a checkpoint.
     """
 
     scene: str
@@ -64,6 +65,7 @@ class Outcome:
     first_image: float = math.nan
     notices: tuple[Notice, ...] = ()
     has_picture: bool = False
+    resumed: int = 0
 
 
 #: Whether Blender saves the picture of the render in progress, so that it has to be told if there is none.
@@ -157,7 +159,8 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         """Trace what `update` exported."""
         if self._pending is not None:
-            self._guard(depsgraph, "rendering", self._render_preview if self.is_preview else self._render)
+            with kept_frames.delaying_end(depsgraph.scene):
+                self._guard(depsgraph, "rendering", self._render_preview if self.is_preview else self._render)
         self._pending = None
         self._layers_done += 1
 
@@ -279,33 +282,11 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
         except (LoadCancelled, _NothingRendered):
             self._note_nothing(depsgraph)
 
-    @contextlib.contextmanager
     def _progress(
         self, depsgraph: bpy.types.Depsgraph, view: str = "", waiting: WaitingPicture | None = None
-    ) -> Iterator[Callable[[Any], None]]:
-        """What to tell the session's progress to, so that the user sees it."""
-        from engine.render.report import peak_memory
-
-        bar = TerminalBar() if bpy.app.background else None
-        shown_place = place(depsgraph, view)
+    ) -> contextlib.AbstractContextManager[Callable[[Any], None]]:
         shown = freestyle.PASS_NAME if self._draws_strokes else depsgraph.view_layer_eval.name
-        title = f"Frame {depsgraph.scene.frame_current} {shown}"
-
-        def on_progress(progress: Any) -> None:
-            fraction = total_fraction(depsgraph.scene, self._layers_done, progress.fraction)
-            self.update_progress(fraction)
-            if waiting is not None:
-                waiting.update(progress)
-            if bar is not None:
-                bar.update(title, fraction, progress)
-            else:
-                self.update_stats("", status_line(progress, shown_place, peak_memory()))
-
-        try:
-            yield on_progress
-        finally:
-            if bar is not None:
-                bar.close()
+        return shown_progress(self, depsgraph, shown, self._layers_done, view, waiting)
 
     def _render_view(self, depsgraph: bpy.types.Depsgraph, view: str, description: SceneDescription) -> None:
         layer_name = depsgraph.view_layer_eval.name
@@ -342,11 +323,10 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
                 keeps_meshes = self._plan is not None or not is_only_picture(depsgraph.scene)
                 if not keeps_meshes:
                     self._export_cache = None
-                if not self._draws_strokes:
-                    checkpoints.begin_view(
-                        self._session, self._settings, depsgraph, view, description, part_count(depsgraph.scene),
-                        self._show,
-                    )
+                kept_frames.begin_view(
+                    self, self._session, self._settings, depsgraph, view, description, self._show,
+                    is_wanted=not self._draws_strokes, keeps_meshes=keeps_meshes,
+                )
                 notices = self._session.load(
                     description, on_progress=on_progress, should_cancel=self._should_cancel, keeps_meshes=keeps_meshes
                 )
@@ -382,6 +362,7 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
         # The picture is Blender's now: nothing that fails from here on may cost it.
         for doing, work in (
             ("keeping what was learned", lambda: self._show(self._fields.take(learned))),
+            ("saying what is kept of it", lambda: self._note_kept(depsgraph, report)),
             ("saying how the render went", lambda: self._report_result(depsgraph, report)),
             ("keeping light groups", lambda: light_mix_picture.keep(self, depsgraph, view, description, kept)),
             ("naming what is in mattes", lambda: figures.stamp_mattes(self, depsgraph.view_layer_eval, description)),
@@ -450,10 +431,11 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
         scene = depsgraph.scene
         name = depsgraph.view_layer_eval.name
         notices = (*self._notices, *(report.notices if report is not None else ()))
+        kept = None if self._session is None else self._session.checkpointing
         outcomes.append(
             Outcome(
                 scene.name, name, scene.frame_current, status, message, report, self._first_image, notices,
-                self._has_picture,
+                self._has_picture, 0 if kept is None else kept.resumed,
             )
         )
         _outcome_count += 1
@@ -498,8 +480,11 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
         self.update_memory_stats(memory_used=megabytes, memory_peak=megabytes)
         figures.stamp_figures(self, layer_name, report, [*self._notices, *report.notices])
 
+    def _note_kept(self, depsgraph: bpy.types.Depsgraph, report: Any) -> None:
+        kept_frames.note_view(self, self._session, depsgraph.scene, report, self._show)
+
     def _should_cancel(self) -> bool:
-        return self.test_break() or any(hook() for hook in cancel_hooks)
+        return self.test_break() or kept_frames.is_asked_to_end() or any(hook() for hook in cancel_hooks)
 
 
 def register() -> None:

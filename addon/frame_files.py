@@ -9,27 +9,35 @@ killed process leaves behind is nobody's.
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
-import struct
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .output_files import is_whole, was_interrupted
+import bpy
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
+from engine.processes.file_locks import lock
+
+from .output_files import is_whole, was_interrupted
 
 #: No picture is shorter, and shorter files do not even tell their format.
 _LEAST_BYTES = 24
-#: The byte that is locked: beyond what any picture has, since some network file systems keep others from writing where
-#: a lock is.
-_LOCKED_BYTE = 1 << 40
-#: What a lock is refused with that another process has.
-_TAKEN = (errno.EACCES, errno.EAGAIN)
+
+
+def frame_paths(render: bpy.types.RenderSettings, frame: int) -> list[Path]:
+    """The files that a frame is saved to: one, or in stereo one for each eye where the format has no room for both.
+
+    Raises
+    ------
+    RuntimeError
+        If Blender cannot make out the output path, saying why.
+    """
+    views: list[bpy.types.SceneRenderView] = []
+    if render.use_multiview and render.image_settings.views_format == "INDIVIDUAL":
+        names = ("left", "right") if render.views_format == "STEREO_3D" else tuple(render.views.keys())
+        views = [view for view in render.views if view.use and view.name in names]
+    if not views:
+        return [Path(render.frame_path(frame=frame))]
+    return [Path(render.frame_path(frame=frame, view=view.name)) for view in views]
 
 
 def is_finished(path: Path) -> bool:
@@ -81,7 +89,7 @@ class FrameClaim:
             path.parent.mkdir(parents=True, exist_ok=True)
         while True:
             file = os.open(path, self._flags, 0o666)
-            if not _lock(file):
+            if not lock(file):
                 os.close(file)
                 return False
             try:
@@ -101,20 +109,3 @@ class FrameClaim:
                     path.unlink()
             os.close(file)
         self._held = []
-
-
-def _lock(file: int) -> bool:
-    """Lock a file until it is closed, by this process or by its end; False where another process has."""
-    if fcntl is None:
-        return True
-    try:
-        if sys.platform == "linux":
-            # The lock is this open file's: other kinds go when any file of the process at the same path is closed.
-            lock = struct.pack("hhqqi0q", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
-            fcntl.fcntl(file, fcntl.F_OFD_SETLK, lock)
-        else:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        # Some file systems have no locks: there a frame may be rendered twice, and none is left out.
-        return error.errno not in _TAKEN
-    return True

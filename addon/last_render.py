@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from . import engine
+from . import engine, kept_frames
 from .progress import format_duration
 
 if TYPE_CHECKING:
@@ -111,7 +111,8 @@ def _headlines(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
         if outcome.status == "FAILED":
             yield f"{name}: {outcome.message}", "ERROR"
         elif report is not None:
-            yield f"{name}: {report.sample_count:.4g} samples in {format_duration(report.render_seconds)}", "NONE"
+            kept = f", {outcome.resumed} of them kept from before" if outcome.resumed else ""
+            yield f"{name}: {report.sample_count:.4g} samples in {format_duration(report.render_seconds)}{kept}", "NONE"
         else:
             yield f"{name}: cancelled", "NONE"
 
@@ -167,6 +168,12 @@ class NEURALGUIDE_PT_last_render(bpy.types.Panel):  # noqa: N801
         for sentence in (cache_sentence(scene), denoised_sentence(scene)):
             if sentence:
                 draw_text(layout, context, sentence)
+        kept = kept_frames.kept_of(scene)
+        if kept is not None:
+            box = layout.box()
+            draw_text(box, context, f"Frame {kept.frame} goes on when it is rendered again: {kept.path}", "FILE_TICK")
+            if kept.frame == scene.frame_current:
+                box.operator("neuralguide.discard_unfinished", icon="TRASH")
         notices = last_notices(scene)
         if not notices:
             layout.label(text="Everything in the scene is rendered as it asks for", icon="CHECKMARK")

@@ -197,6 +197,10 @@ class NEURALGUIDE_PT_performance(RenderPanel, bpy.types.Panel):  # noqa: N801
             row.prop(ours, "threads")
             row.operator("neuralguide.follow_cycles_setting", text="", icon="X").setting = "threads"
         column.prop(render, "use_persistent_data")
+        column.prop(ours, "keep_unfinished")
+        part = column.column()
+        part.active = ours.keep_unfinished
+        part.prop(ours, "keep_film")
         row = column.row()
         row.prop(ours, "texture_memory")
         if ours.texture_memory == 0:

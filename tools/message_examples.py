@@ -176,6 +176,11 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
         "path": "/shots/room_0001.exr.ngcheckpoint",
         "error.strerror or error": "No space left on device",
     },
+    "addon/kept_frames_operator.py": {
+        "frame": "17",
+        "gone[0]": "/shots/room_0017.exr.ngcheckpoint",
+        "left[0]": "/shots/room_0017.exr.ngcheckpoint",
+    },
     "addon/declared_settings.py": {"name": "samples"},
     "addon/denoise_sequence.py": {
         "path": "/shots/room_0001.exr",

@@ -59,8 +59,8 @@ TOPICS = (
     Topic(
         "Checkpoints of frames",
         (
-            "addon/checkpoints.py", "engine/render/checkpoint.py", "engine/render/checkpoint_file.py",
-            "engine/render/checkpointing.py",
+            "addon/checkpoints.py", "addon/kept_frames.py", "addon/kept_frames_operator.py",
+            "engine/render/checkpoint.py", "engine/render/checkpoint_file.py", "engine/render/checkpointing.py",
         ),
         "The picture does not depend on them: a frame without one that fits begins anew. "
         "[frames-that-go-on.md](frames-that-go-on.md) says what fits, and where they lie.",

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO, Any
@@ -49,7 +49,9 @@ class CheckpointError(ValueError):
     """A checkpoint cannot be read; the message says what is wrong with it, as of the file that is named."""
 
 
-def save_checkpoint(path: Path, checkpoint: Checkpoint, sums: dict[str, FilmTile]) -> None:
+def save_checkpoint(
+    path: Path, checkpoint: Checkpoint, sums: dict[str, FilmTile], on_open: Callable[[int], None] | None = None
+) -> None:
     """Write a checkpoint; what was there before stays until all of the new one is on the disk.
 
     Parameters
@@ -58,6 +60,8 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, sums: dict[str, FilmTile
     checkpoint : Checkpoint
     sums : dict of FilmTile
         As of `sums_of`, which nobody changes meanwhile.
+    on_open : callable (int) -> None, optional
+        Is told the descriptor of the new file, before it has the name.
 
     Raises
     ------
@@ -76,6 +80,8 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, sums: dict[str, FilmTile
     }
 
     def write(file: IO[bytes]) -> None:
+        if on_open is not None:
+            on_open(file.fileno())
         # Sums of light hardly get smaller by packing.
         with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
             archive.writestr(_MANIFEST, json.dumps(manifest, indent=1))

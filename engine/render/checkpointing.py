@@ -4,17 +4,22 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import math
+import shutil
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 from engine.guiding.fields.state import StateError
 from engine.guiding.policy.learner import Learner
 from engine.guiding.saved.learned import LOST, LearnedField
+from engine.processes.file_locks import FileHold
 from engine.render.checkpoint import Checkpoint, Identity
 from engine.render.checkpoint_file import CheckpointError, load_checkpoint, load_film, save_checkpoint, sums_of
 from engine.render.film import Film
@@ -23,6 +28,8 @@ from engine.render.loop_state import LooksState, LoopState
 from engine.render.request import RenderRequest
 from engine.runtime.whole_files import remove_parts
 from engine.scene.description import Notice
+from engine.scene.digest import SceneDigest
+from engine.scene.limits import check_copy
 from engine.state.columns import copy_of
 from engine.state.film import FilmTile
 
@@ -30,10 +37,15 @@ from engine.state.film import FilmTile
 INTERVAL = 60.0
 _SUBJECT = "Checkpoint"
 _GOES_ON = "the render goes on without"
+_TAKEN = "is of another process, which renders the same"
 
 
 class CheckpointRefused(ValueError):
     """A render was to go on from a checkpoint, and cannot; the message says why."""
+
+
+class _TakenElsewhere(OSError):
+    """Another process renders the same into the same file."""
 
 
 class KeptJob(Protocol):
@@ -61,9 +73,12 @@ class CheckpointPlan:
     """What is asked of a render's checkpoints.
 
     path : Path, of the file
-    scene : str, digest of the description (`engine.scene.digest.scene_digest`)
+    scene : SceneDigest
     seed : int, of the settings as the user has them
     interval : float, between two of them [s]
+    most_rate : float, what may be written [bytes / s]: larger films are kept less often
+    patience : float, how long a render takes that leaves a file where it is interrupted, or has kept its film, before
+        its first checkpoint was due [s]
     resumes : bool, whether to go on from the file, if there is one
     insists : bool, whether to refuse a file that does not fit, instead of beginning anew
     film : Path or None, file of a finished film that is to have more samples
@@ -72,9 +87,11 @@ class CheckpointPlan:
     """
 
     path: Path
-    scene: str
+    scene: SceneDigest
     seed: int = 0
     interval: float = INTERVAL
+    most_rate: float = math.inf
+    patience: float = 0.0
     resumes: bool = False
     insists: bool = False
     film: Path | None = None
@@ -105,13 +122,23 @@ class Checkpointing:
         self.plan = plan
         self.resumed = 0
         self._tell, self._on_resumed = tell, on_resumed
-        self._identity: Identity | None = None
+        self._request: RenderRequest | None = None
         self._seed = 0
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="checkpoint")
         self._writing: Future[None] | None = None
-        self._due = time.monotonic() + plan.interval
+        self._began = self._due = 0.0
+        self._interval = plan.interval
+        self._hold = FileHold()
+        #: Whether another process renders the same, so that this one leaves the file alone.
+        self._is_off = False
+        #: Whether what killed processes have left is removed: whoever writes looks for it.
+        self._is_clean = False
         #: Whether the file holds a part of this render, and whether all of it.
         self.is_written = self.is_whole = False
+        #: Whether this render has written the file, or taken it up, and whether it has come to its end.
+        self.is_own = self.is_finished = False
+        #: What was rendered before it ended [s].
+        self.seconds = 0.0
 
     def begin(self, request: RenderRequest) -> tuple[RenderRequest, Film]:
         """The film, and what to go by: with what the file holds, if that is asked for and fits.
@@ -121,14 +148,28 @@ class Checkpointing:
         CheckpointRefused
             If it does not fit, and the plan insists, or asks for films that are there.
         """
-        self._identity = Identity.of_request(request, self.plan.scene, self.plan.seed)
-        self._seed = request.settings.seed
-        remove_parts(self.plan.path)
+        try:
+            return self._begun(request)
+        except BaseException:
+            self.close()
+            raise
+
+    def _begun(self, request: RenderRequest) -> tuple[RenderRequest, Film]:
+        """As `begin`."""
+        self._request, self._seed = request, request.settings.seed
         film = request.make_film()
+        self._interval = max(self.plan.interval, film.nbytes / self.plan.most_rate)
+        self._began = time.monotonic()
+        self._due = self._began + self._interval
         if self.plan.merged:
             return self._merging(request, film), film
         source, insists = self.plan.film or self.plan.path, self.plan.insists or self.plan.film is not None
         if not self.plan.resumes and self.plan.film is None:
+            return request, film
+        if not self._hold.take(self.plan.path):
+            if insists:
+                raise CheckpointRefused(f"{self.plan.path} {_TAKEN}")
+            self._leave_alone()
             return request, film
         try:
             found = self._taken_up(request, film)
@@ -143,7 +184,7 @@ class Checkpointing:
                 raise CheckpointRefused(f"{source} {error}") from None
             self._tell(Notice(_SUBJECT, f"{source} {error}", "the frame begins anew"))
             return request, request.make_film()
-        self.resumed = found.state.samples
+        self.resumed, self.is_own = found.state.samples, True
         if self._on_resumed is not None:
             self._on_resumed(self.resumed)
         self._seed = found.seed
@@ -151,14 +192,14 @@ class Checkpointing:
 
     def _merging(self, request: RenderRequest, film: Film) -> RenderRequest:
         """Fill the film with all that are to be merged; what to go by, so that nothing is added."""
-        assert self._identity is not None
+        identity = self._identity
         seeds: dict[int, Path] = {}
         path_count = 0
         for path in self.plan.merged:
             part = request.make_film()
             try:
                 found = load_checkpoint(path)
-                if problem := found.identity.difference(self._identity, free=("seed",)):
+                if problem := found.identity.difference(identity, free=("seed",)):
                     raise CheckpointError(problem)
                 if found.seed in seeds:
                     problem = f"has the same samples as {seeds[found.seed]}: render each part by a seed of its own"
@@ -196,11 +237,16 @@ class Checkpointing:
 
     def _fitting(self, path: Path) -> Checkpoint:
         """The checkpoint of a file, if it is of what is to be rendered."""
-        assert self._identity is not None
         found = load_checkpoint(path)
         if problem := found.identity.difference(self._identity):
             raise CheckpointError(problem)
         return found
+
+    @cached_property
+    def _identity(self) -> Identity:
+        """Of the film; asked for in one thread at a time."""
+        assert self._request is not None
+        return Identity.of_request(self._request, self.plan.scene.value, self.plan.seed)
 
     def poll(self, job: KeptJob) -> None:
         """Write one if it is time to; call it often, from one thread."""
@@ -217,8 +263,10 @@ class Checkpointing:
             Whether it has come to its end, and was not interrupted.
         """
         self._take_note(waits=True)
+        self.is_finished, self.seconds = is_whole, time.monotonic() - self._began
+        is_worth_it = self.is_written or self.seconds >= self.plan.patience
         # Denoising and writing the picture take their time too.
-        if not is_whole or self.plan.keeps or self.is_written:
+        if self.is_written or (is_worth_it and self.plan.keeps) or (not is_whole and (is_worth_it or self.resumed)):
             self.is_written = False
             self._write(job, is_over=True)
             self._take_note(waits=True)
@@ -226,28 +274,63 @@ class Checkpointing:
         self._executor.shutdown(wait=True)
 
     def discard(self) -> None:
-        """Remove the file."""
-        remove_parts(self.plan.path)
-        with contextlib.suppress(OSError):
-            self.plan.path.unlink(missing_ok=True)
+        """Remove the file, unless another process renders the same."""
+        if not self._is_off and self._hold.take(self.plan.path):
+            remove_parts(self.plan.path)
+            with contextlib.suppress(OSError):
+                self.plan.path.unlink(missing_ok=True)
+        self.close()
+
+    def close(self) -> None:
+        """Leave the file to whoever wants to go on from it."""
+        self._executor.shutdown(wait=True)
+        self._hold.release()
 
     def _write(self, job: KeptJob, *, is_over: bool) -> None:
         """Begin to write how far a job is, unless it is where nobody can take it up."""
-        assert self._identity is not None
+        if self._is_off:
+            return
         try:
-            copied = _copied(job, self.plan.scene, is_over=is_over)
+            check_copy(job.film.nbytes)
+            copied = _copied(job, is_over=is_over)
         except MemoryError:
-            self._due = time.monotonic() + self.plan.interval
+            self._due = time.monotonic() + self._interval
             self._tell(Notice(_SUBJECT, "there is no memory for a copy of the film", _GOES_ON))
             return
         if copied is None:
             return
-        state, sums, learned = copied
-        self._due = time.monotonic() + self.plan.interval
-        if not state.path_count:
-            return
+        self._due = time.monotonic() + self._interval
+        if copied[0].path_count:
+            self._writing = self._executor.submit(self._save, *copied)
+
+    def _save(self, state: LoopState, sums: dict[str, FilmTile], learned: LearnedField | None) -> None:
+        """Write what was copied."""
+        path = self.plan.path
+        if not self._hold.take(path):
+            raise _TakenElsewhere
+        if not self._is_clean:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            remove_parts(path)
+            self._is_clean = True
+        _check_room(path.parent, sum(values.nbytes for tile in sums.values() for values in tile))
+        if learned is not None:
+            learned = replace(learned, light_digest=self._identity.scene)
         checkpoint = Checkpoint(self._identity, state, self._seed, learned)
-        self._writing = self._executor.submit(save_checkpoint, self.plan.path, checkpoint, sums)
+        holds: list[FileHold] = []
+        try:
+            save_checkpoint(path, checkpoint, sums, lambda file: holds.append(FileHold.of_open(file)))
+        except BaseException:
+            for hold in holds:
+                hold.release()
+            raise
+        # Until now others could see that the one before is held.
+        self._hold.release()
+        self._hold = holds[0]
+        self.is_own = True
+
+    def _leave_alone(self) -> None:
+        self._is_off = True
+        self._tell(Notice(_SUBJECT, f"{self.plan.path} {_TAKEN}", "this render is not kept"))
 
     def _take_note(self, *, waits: bool = False) -> None:
         """Whether what was begun is written."""
@@ -257,6 +340,8 @@ class Checkpointing:
         try:
             writing.result()
             self.is_written = True
+        except _TakenElsewhere:
+            self._leave_alone()
         except (OSError, MemoryError) as error:
             reason = getattr(error, "strerror", "") or str(error) or type(error).__name__
             self._tell(Notice(_SUBJECT, f"{self.plan.path} cannot be written ({reason})", _GOES_ON))
@@ -277,9 +362,20 @@ def _going_on(request: RenderRequest, found: Checkpoint) -> RenderRequest:
     return replace(request, learning=replace(request.learning, start=learned))
 
 
-def _copied(
-    job: KeptJob, scene: str, *, is_over: bool
-) -> tuple[LoopState, dict[str, FilmTile], LearnedField | None] | None:
+def _check_room(folder: Path, size: int) -> None:
+    """Raise OSError where a disk has no room for a file, and as much again for the picture.
+
+    Parameters
+    ----------
+    size : int
+        Of the file [bytes].
+    """
+    free = shutil.disk_usage(folder).free
+    if free < 2 * size:
+        raise OSError(errno.ENOSPC, f"it needs {size / 2**20:.0f} MiB, and as much again is left for the picture")
+
+
+def _copied(job: KeptJob, *, is_over: bool) -> tuple[LoopState, dict[str, FilmTile], LearnedField | None] | None:
     """How far a job is, with its sums and what it has learned at the same moment."""
     with job.holding_tasks(), job.film_lock:
         state = job.state(is_over=is_over)
@@ -290,7 +386,7 @@ def _copied(
         learned = None
         # Where light is too bright for what is learned, it is learned anew.
         with contextlib.suppress(StateError):
-            learned = None if learner is None else learner.learned(scene)
+            learned = None if learner is None else learner.learned("")
         if learned is not None:
             learned = replace(learned, state={name: values.copy() for name, values in learned.state.items()})
         return state, sums, learned

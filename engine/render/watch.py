@@ -37,6 +37,8 @@ def watch(
     except BaseException:
         job.stop()
         job.join()
+        if checkpointing is not None:
+            checkpointing.close()
         if on_image is not None and job.has_paths:
             # What there is by now may be the only picture that there will be.
             with contextlib.suppress(Exception):

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
+from engine.processes.file_locks import FileHold
+
 #: Another program may hold the target open for a moment, on Windows [s].
 _PATIENCE = 2.0
 _NAP = 0.05
@@ -48,13 +50,16 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], None]) -> None:
 def remove_parts(path: Path) -> None:
     """Remove what processes that were killed have left beside a file that `write_whole` writes.
 
-    Nobody else may be writing it.
+    What another process is writing stays, if that holds it (`engine.processes.file_locks.FileHold.of_open`).
     """
     with contextlib.suppress(OSError):
         for part in path.parent.iterdir():
             if part.name.startswith(f".{path.name}.") and part.name.endswith(_PART):
-                with contextlib.suppress(OSError):
-                    part.unlink()
+                hold = FileHold()
+                if hold.take(part):
+                    with contextlib.suppress(OSError):
+                        part.unlink()
+                hold.release()
 
 
 def _replace(source: Path, target: Path) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from collections.abc import Collection, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -109,10 +110,40 @@ def camera_digest(description: SceneDescription) -> str:
     return content_digest(description.camera)
 
 
-def scene_digest(description: SceneDescription) -> str:
+class SceneDigest:
     """A digest of all that a picture depends on besides the settings: the pixels of images, the camera and the frame.
 
-    Where two descriptions have the same, the same settings make the same picture of them.
+    Where two descriptions have the same, the same settings make the same picture of them. It is worked out when it is
+    first asked for, which takes two seconds for each gigabyte, and most renders are over before anybody asks. Whoever
+    asks may do so while the scene is rendered, but nobody may change the description.
+
+    Parameters
+    ----------
+    description : SceneDescription
+    context : tuple
+        Plain data that counts as well.
+    keeps_meshes : bool
+        Whether the description keeps its meshes (`Session.load`); else they are read at once.
     """
-    # Keys may be numbers that start anew with every export; users are for messages, and folders where pixels lie.
-    return content_digest(description, ("key", "user", "folder", "notices"))
+
+    def __init__(
+        self, description: SceneDescription, context: tuple[Any, ...] = (), *, keeps_meshes: bool = True
+    ) -> None:
+        self._description, self._context = description, context
+        self._meshes = "" if keeps_meshes else self._digest(description.meshes)
+
+    @cached_property
+    def value(self) -> str:
+        """The digest."""
+        meshes = self._meshes or self._digest(self._description.meshes)
+        return content_digest((self._context, meshes, self._digest(self._description, "meshes")))
+
+    @staticmethod
+    def _digest(value: Any, *left_out: str) -> str:
+        # Keys may be numbers that start anew with every export; users are for messages, and folders where pixels lie.
+        return content_digest(value, ("key", "user", "folder", "notices", *left_out))
+
+
+def scene_digest(description: SceneDescription) -> str:
+    """The digest of a `SceneDigest`."""
+    return SceneDigest(description).value

@@ -139,6 +139,14 @@ def check_film(frame: Frame, sums: int, channels: int) -> None:
         )
 
 
+def check_copy(size: int) -> None:
+    """Raise MemoryError where this process would need more memory than there is for so many bytes more: the system
+    would end it.
+    """
+    if resident_memory() + size > usable_memory():
+        raise MemoryError
+
+
 def texture_memory(chosen: int) -> int:
     """Memory that textures may take before they lie in a file [bytes].
 

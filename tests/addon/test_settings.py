@@ -139,6 +139,7 @@ def test_a_user_sees_few_settings_and_experiments_are_apart() -> None:
         "guiding_trial", "training_share", "training_device", "deterministic", "sequence_field", "sequence_samples",
         "keep_learned",
         "field_path", "save_field", "threads", "texture_memory", "denoise_over_time", "denoised_threshold",
+        "keep_unfinished", "keep_film",
     }  # fmt: skip
     assert {setting.section for setting in SCENE_SETTINGS.values() if setting.is_experiment} == {*EXPERIMENT_SECTIONS}
 

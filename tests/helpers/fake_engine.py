@@ -82,7 +82,7 @@ class FakeEngine:
         # What the Cryptomatte passes are told of is nothing.
         return SimpleNamespace(
             frame=Frame(width=width, height=height, region=region), instances=SimpleNamespace(name=(), asset=()),
-            materials=(),
+            materials=(), meshes=(),
         )
 
 
@@ -94,6 +94,7 @@ class FakeSession:
         self.settings = settings
         self.region = (0, 0, 0, 0)
         self.light_digest = "light"
+        self.checkpointing: Any = None
 
     def load(self, description: Any, *, on_progress: Any, should_cancel: Any, keeps_meshes: bool) -> list[Any]:
         self.fake.before.get("load", lambda: None)()

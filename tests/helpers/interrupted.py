@@ -14,7 +14,7 @@ from engine.render.render_loop import RenderLoop
 from engine.render.report import RenderResult
 from engine.render.session import Session
 from engine.scene.description import Notice, SceneDescription
-from engine.scene.digest import scene_digest
+from engine.scene.digest import SceneDigest
 from engine.settings import RenderSettings
 
 
@@ -36,7 +36,7 @@ class Renderer:
         self, monkeypatch: Any, description: SceneDescription, path: Path, passes: set[str], **settings: Any
     ) -> None:
         self.settings = RenderSettings(**{"threads": 1, **settings})
-        self.plan = CheckpointPlan(path, scene_digest(description), self.settings.seed)
+        self.plan = CheckpointPlan(path, SceneDigest(description), self.settings.seed)
         self.notices: list[Notice] = []
         self.resumed = 0
         self._monkeypatch, self._passes = monkeypatch, passes
@@ -63,9 +63,11 @@ class Renderer:
         with self._monkeypatch.context() as patch:
             if interruption is not None:
                 interruption.install(patch)
-            result = self._session.render(
-                passes=self._passes, should_cancel=None if interruption is None else interruption.should_cancel
-            )
+            should_cancel = None if interruption is None else interruption.should_cancel
+            try:
+                result = self._session.render(passes=self._passes, should_cancel=should_cancel)
+            finally:
+                checkpointing.close()
         self.resumed = checkpointing.resumed
         return result
 

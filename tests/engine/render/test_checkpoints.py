@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.processes.file_locks import FileHold
 from engine.render import checkpoint
 from engine.render.checkpoint import Checkpoint, Identity
 from engine.render.checkpoint_file import CheckpointError, load_checkpoint, load_film, save_checkpoint, sums_of
@@ -89,6 +90,51 @@ def test_the_film_is_kept_while_it_is_rendered(monkeypatch, path):
     made.interrupted(LATE, interval=0.0)
     assert not list(path.parent.glob("*.part"))
     assert_same(made.taken_up(interval=0.0), whole)
+
+
+@pytest.mark.parametrize("why", [{"interval": 1e9}, {"interval": 0.0, "most_rate": 1e-6}])
+def test_renders_shorter_than_their_patience_leave_no_file(monkeypatch, path, why):
+    """Nor do those whose film is so large that it is kept less often."""
+    made = renderer(monkeypatch, path)
+    whole = made.whole()
+    made.interrupted(LATE, patience=1e9, **why)
+    assert not path.exists()
+    made.interrupted(LATE, **why)
+    before = path.read_bytes()
+    # What goes on is kept, however soon it is interrupted again.
+    made.interrupted(LATE + 3, patience=1e9, resumes=True, **why)
+    assert path.read_bytes() != before
+    assert_same(made.taken_up(), whole)
+
+
+def test_where_memory_is_short_nothing_is_copied(monkeypatch, path):
+    from engine.scene import limits
+
+    made = renderer(monkeypatch, path)
+    monkeypatch.setattr(limits, "usable_memory", lambda: 0)
+    monkeypatch.setattr(limits, "swap_memory", lambda: 1 << 50)
+    made.taken_up(keeps=True)
+    assert not path.exists() and made.notices[0].problem == "there is no memory for a copy of the film"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks")
+def test_a_file_that_another_render_has_is_left_to_it(monkeypatch, path):
+    made = renderer(monkeypatch, path)
+    whole = made.whole()
+    made.interrupted(LATE)
+    before, other = path.read_bytes(), FileHold()
+    assert other.take(path)
+    # With and without having looked for a file to go on from.
+    for resumes in (True, False):
+        assert_same(made.taken_up(resumes=resumes, interval=0.0, keeps=True), whole)
+        (notice,) = made.notices
+        assert "is of another process" in notice.problem and notice.fallback == "this render is not kept"
+    with pytest.raises(CheckpointRefused, match="is of another process"):
+        made.taken_up(insists=True)
+    assert path.read_bytes() == before
+    other.release()
+    assert_same(made.taken_up(), whole)
+    assert made.resumed > 0 and made.notices == []
 
 
 def test_a_time_limit_counts_what_was_before(monkeypatch, path):

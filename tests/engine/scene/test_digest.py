@@ -13,8 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.render.session import Session
 from engine.scene.description import Light, Link, Node, NodeGraph
-from engine.scene.digest import content_digest
+from engine.scene.digest import SceneDigest, content_digest, scene_digest
+from engine.settings import RenderSettings
+from tests.helpers.small_scenes import pit_scene
 
 ROOT = Path(__file__).resolve().parents[3]
 COUNT = 300
@@ -86,3 +89,24 @@ def test_order_counts():
     changed = lights()
     changed[0], changed[1] = changed[1], changed[0]
     assert content_digest(changed, ("key",)) != content_digest(lights(), ("key",))
+
+
+def test_a_scene_has_the_same_digest_once_it_is_built():
+    """Whoever asks late is told of the scene as it was, though its meshes are gone by then."""
+    whole = scene_digest(pit_scene())
+    for keeps_meshes in (True, False):
+        description = pit_scene()
+        late = SceneDigest(description, keeps_meshes=keeps_meshes)
+        Session(RenderSettings(threads=1)).load(description, keeps_meshes=keeps_meshes)
+        assert (len(description.meshes[0].vertices) > 0) == keeps_meshes
+        assert late.value == whole
+
+
+@pytest.mark.parametrize("change", ["context", "mesh", "camera"])
+def test_another_scene_has_another_digest(change):
+    description = pit_scene()
+    if change == "mesh":
+        description.meshes[0].vertices = description.meshes[0].vertices + 1e-3
+    if change == "camera":
+        description.camera.transform = description.camera.transform + 1e-3
+    assert SceneDigest(description, ("layer",) if change == "context" else ()).value != scene_digest(pit_scene())
