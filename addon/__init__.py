@@ -23,6 +23,7 @@ def _modules() -> list:  # type: ignore[type-arg]
         engine,
         last_render,
         learned_fields,
+        light_mix_files,
         light_mix_lamps,
         light_mix_operator,
         light_mix_panel,
@@ -42,8 +43,8 @@ def _modules() -> list:  # type: ignore[type-arg]
 
     return [
         log, properties, saved_settings, engine, sequence, learned_fields, operators, sequence_operator,
-        denoise_after_render, light_mix_picture, light_mix_lamps, light_mix_operator, make_light_groups,
-        ui, light_mix_panel, last_render, bug_report, preferences, warm_up, windows,
+        denoise_after_render, light_mix_picture, light_mix_files, light_mix_lamps, light_mix_operator,
+        make_light_groups, ui, light_mix_panel, last_render, bug_report, preferences, warm_up, windows,
     ]  # fmt: skip
 
 
