@@ -131,27 +131,23 @@ class ObjectBake:
         is_whole = False
         try:
             bake = read_places(target.layers[0], (height, width), self._instance, self._view)
-            covered = np.argwhere(bake.triangles >= 0)
-            if len(covered):
-                pixels = self._render(self._description, bake, covered)
+            if bake.has_places:
+                pixels = self._render(self._description, bake)
                 if pixels is not None:
                     write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
                     is_whole = True
         finally:
             self._engine.end_result(target, cancel=not is_whole, do_merge_results=is_whole)
 
-    def _render(
-        self, description: SceneDescription, bake: Bake, covered: npt.NDArray[np.intp]
-    ) -> npt.NDArray[np.float32] | None:
-        """Pixels, float32 (H, W, 4), or None if the user has cancelled; `covered` are rows and columns of places."""
+    def _render(self, description: SceneDescription, bake: Bake) -> npt.NDArray[np.float32] | None:
+        """Pixels, float32 (H, W, 4), of the samples that there are if the user has cancelled; None of none."""
         from engine.render.session import LoadCancelled
 
         height, width = bake.triangles.shape
-        (y0, x0), (y1, x1) = covered.min(axis=0).tolist(), (covered.max(axis=0) + 1).tolist()
+        x0, y0, x1, y1 = region = bake.region
         frame = dataclasses.replace(
-            description.frame, width=width, height=height, region=(x0, y0, x1, y1), pixel_aspect_x=1.0,
-            pixel_aspect_y=1.0,
-        )  # fmt: skip
+            description.frame, width=width, height=height, region=region, pixel_aspect_x=1.0, pixel_aspect_y=1.0
+        )
         description = dataclasses.replace(description, frame=frame, bake=bake)
         try:
             with self._progress() as on_progress:
@@ -164,7 +160,7 @@ class ObjectBake:
                 )
         except LoadCancelled:
             return None
-        if result.report.cancelled:
+        if result.report.cancelled and not result.report.sample_count:
             return None
         self._show(result.report.notices)
         pixels = self._picture.background(height, width)

@@ -8,8 +8,6 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from engine.state.lanes import RGB
-
 from . import light_mix
 from .exr_layers import LayeredImage, LayersError
 from .light_mix_passes import Mixer, Noted
@@ -98,7 +96,7 @@ def _mix_layer(image: LayeredImage, layer: str, mix: Mix, threads: int) -> Layer
         return image
     if passes.sampled is not None and (text := problem()):
         raise LayersError(f"{image.path} is denoised, and so its light groups have to be: {text}")
-    picture = Mixer(passes, threads).picture(mix)[..., :RGB]
+    picture = Mixer(passes, threads).picture(mix)[..., :3]
     image = image.changed(layer, "Combined", "RGB", picture)
     if image.find(layer, "Noisy Image", "RGB") is None:
         return image

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel Light Mix in the sidebar of image editors."""
+"""The panels Light Mix in the sidebars of image editors, and of windows in rendered shading."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from .engine import NeuralGuideRenderEngine
 from .exr_layers import LayersError
 from .last_render import draw_text
 from .shared_settings import thread_count
+from .viewport import windows
 
 _NONE_RENDERED = "No light groups were rendered. Put lamps into groups, then render"
 
@@ -43,6 +44,7 @@ class NEURALGUIDE_OT_reset_light_mix(bpy.types.Operator):  # noqa: N801 (Blender
         else:
             light_mix.reset(context.scene, light_mix.group_names(context.scene))
             light_mix_picture.show(context.scene)
+            windows.redraw()
         return {"FINISHED"}
 
 
@@ -123,6 +125,53 @@ class NEURALGUIDE_PT_light_mix(bpy.types.Panel):  # noqa: N801
             _draw_render(self.layout, context)
 
 
+class NEURALGUIDE_OT_add_light_mix(bpy.types.Operator):  # noqa: N801
+    """Have a strength and a colour for each light group, before any render"""
+
+    bl_idname = "neuralguide.add_light_mix"
+    bl_label = "Mix Light Groups"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Add what is missing."""
+        light_mix.add_missing(context.scene, light_mix.group_names(context.scene))
+        return {"FINISHED"}
+
+
+class NEURALGUIDE_PT_view_light_mix(bpy.types.Panel):  # noqa: N801
+    """Strength and colour of each light group of the view layer, in a window in rendered shading."""
+
+    bl_label = "Light Mix"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Light Mix"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Only where our engine shows light groups."""
+        is_ours = context.engine == NeuralGuideRenderEngine.bl_idname
+        return is_ours and context.space_data.shading.type == "RENDERED" and bool(_layer_groups(context))
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        """Draw the switch."""
+        self.layout.prop(context.scene.neuralguide, "use_light_mix", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw."""
+        scene, groups = context.scene, _layer_groups(context)
+        _draw_factors(self.layout, context, scene, groups, "")
+        if any(group not in scene.neuralguide.light_mix for group in groups):
+            self.layout.operator(NEURALGUIDE_OT_add_light_mix.bl_idname, icon="LIGHT")
+        else:
+            row = self.layout.row(align=True)
+            row.operator(NEURALGUIDE_OT_reset_light_mix.bl_idname, icon="LOOP_BACK")
+            row.operator("neuralguide.write_light_mix", icon="LIGHT")
+
+
+def _layer_groups(context: bpy.types.Context) -> list[str]:
+    return [group.name for group in getattr(context.view_layer, "lightgroups", ())]
+
+
 def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     scene = context.scene
     rendered = light_mix_picture.rendered_groups(scene)
@@ -170,7 +219,9 @@ _classes = (
     NEURALGUIDE_OT_reset_light_mix,
     NEURALGUIDE_OT_mix_file,
     NEURALGUIDE_OT_save_file_mix,
+    NEURALGUIDE_OT_add_light_mix,
     NEURALGUIDE_PT_light_mix,
+    NEURALGUIDE_PT_view_light_mix,
 )
 
 

@@ -73,11 +73,17 @@ class Inbox:
 
     def take(self) -> tuple[Update, int]:
         """All that waits, and the number of its newest; waits for something to come."""
+        self.wait()
+        with self._changed:
+            assert self._waiting is not None  # nobody else takes
+            update, self._waiting = self._waiting, None
+            return update, self._number
+
+    def wait(self) -> None:
+        """Wait for something to come."""
         with self._changed:
             while self._waiting is None:
                 self._changed.wait()
-            update, self._waiting = self._waiting, None
-            return update, self._number
 
     def take_mix(self) -> tuple[Update, int] | None:
         """All that waits, if that is factors of light groups alone."""
@@ -138,22 +144,10 @@ class Service:
         """Render until the input ends."""
         while True:
             self.block.beat()
-            if self._mix_anew():
-                continue
-            update, self._number = self._inbox.take()
-            started = time.perf_counter()
-            self._state = self._state.then(update)
-            self._inbox.mixes = bool(self._state.mix)
-            # Held by the state alone: a scene that is replaced is freed before the next is built.
-            scene_changed, update = update.scene is not None, Update()
-            if self._state.is_paused:
-                self._tell(PAUSED, "Paused")
-                continue
-            if self._state.view is None or self._state.settings is None or self._state.scene is None:
-                self._tell(WAITING, "")
-                continue
+            self._inbox.wait()
             try:
-                self._render(self._state.view, scene_changed, started)
+                if not self._mix_anew():
+                    self._begin()
             except ValueError as error:
                 self._tell(FAILED, str(error))
             except MemoryError:
@@ -162,6 +156,21 @@ class Service:
                 self._tell(FAILED, f"No shared memory for pictures: {error.strerror or error}")
 
     # One state, rendered
+
+    def _begin(self) -> None:
+        """Render by all that waits."""
+        update, self._number = self._inbox.take()
+        started = time.perf_counter()
+        self._state = self._state.then(update)
+        self._inbox.mixes = bool(self._state.mix)
+        # Held by the state alone: a scene that is replaced is freed before the next is built.
+        scene_changed, update = update.scene is not None, Update()
+        if self._state.is_paused:
+            self._tell(PAUSED, "Paused")
+        elif self._state.view is None or self._state.settings is None or self._state.scene is None:
+            self._tell(WAITING, "")
+        else:
+            self._render(self._state.view, scene_changed, started)
 
     def _render(self, view: View, scene_changed: bool, started: float) -> None:
         session = self._load(view, scene_changed)
