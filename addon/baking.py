@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .bake_overlaps import BakedUvs
 from .bake_pictures import BakePicture, bake_picture
 from .passes import write_pass
 from .progress import TerminalBar
@@ -95,6 +96,7 @@ class ObjectBake:
         self._settings = bake_settings(render_settings(scene), picture)
         self._view = _view_of(scene, picture)
         self._name = baked.name
+        self._uvs = BakedUvs(baked)
         self._description: SceneDescription | None = self._export(depsgraph)
         self._instance = -1
         if self._description is not None:
@@ -122,20 +124,34 @@ class ObjectBake:
             return None
 
     def bake_image(self, width: int, height: int) -> None:
-        """Bake the next image: what Blender calls a render's result has its places, and gets its pixels."""
+        """Bake the next image: what Blender calls a render's result has its places, and gets its pixels.
+
+        Raises
+        ------
+        ValueError
+            If this machine cannot hold it, or places are not on the object's mesh.
+        """
+        from engine.scene.limits import check_baked_image
+
         if self._description is None:
             return
+        check_baked_image(width, height, f"object {self._name!r}")
         # Blender tells images apart by the layer's name.
         target = self._engine.begin_result(0, 0, width, height, layer=f"bake_{self._image_count}")
         self._image_count += 1
         is_whole = False
         try:
             bake = read_places(target.layers[0], (height, width), self._instance, self._view)
+            overlap = self._uvs.overlap_notice(bake)
+            self._show([] if overlap is None else [overlap])
             if bake.has_places:
                 pixels = self._render(self._description, bake)
-                if pixels is not None:
-                    write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
-                    is_whole = True
+            else:
+                # As in Cycles: what no face has is opaque or clear by the type that is baked.
+                pixels = self._picture.background(height, width)
+            if pixels is not None:
+                write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
+                is_whole = True
         finally:
             self._engine.end_result(target, cancel=not is_whole, do_merge_results=is_whole)
 

@@ -15,8 +15,9 @@ import pytest
 from addon import light_mix, light_mix_passes, light_mix_picture
 from benchmarks.images import read_exr
 from engine.denoise import library
+from tests.helpers.bake_scenes import pixels_of
 from tests.helpers.fake_engine import FakeEngine
-from tests.helpers.image_editors import image_editor, pixels_of
+from tests.helpers.image_editors import image_editor
 from tests.helpers.light_groups import grouped, keyframe
 from tests.helpers.panel_layout import Layout
 from tests.helpers.pass_files import ask_for_passes, render_passes

@@ -14,7 +14,8 @@ import pytest
 
 from addon import light_mix, light_mix_files
 from benchmarks.images import read_exr
-from tests.helpers.image_editors import image_editor, pixels_of
+from tests.helpers.bake_scenes import pixels_of
+from tests.helpers.image_editors import image_editor
 from tests.helpers.light_groups import KEY, ODD, ROOM_GROUPS, write_frame
 from tests.helpers.panel_layout import Layout
 

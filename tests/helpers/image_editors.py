@@ -15,12 +15,3 @@ def image_editor(image: Any) -> Any:
     space = area.spaces.active
     space.image = image
     return space
-
-
-def pixels_of(image: Any) -> Any:
-    """Pixels of an image, float32 (height, width, 4), row 0 at the bottom."""
-    import numpy as np
-
-    pixels = np.empty(image.size[0] * image.size[1] * 4, np.float32)
-    image.pixels.foreach_get(pixels)
-    return pixels.reshape(image.size[1], image.size[0], 4)
