@@ -10,7 +10,6 @@ from .engine import NeuralGuideRenderEngine
 from .exr_layers import LayersError
 from .last_render import draw_text
 from .shared_settings import thread_count
-from .viewport import windows
 
 _NONE_RENDERED = "No light groups were rendered. Put lamps into groups, then render"
 
@@ -44,7 +43,8 @@ class NEURALGUIDE_OT_reset_light_mix(bpy.types.Operator):  # noqa: N801 (Blender
         else:
             light_mix.reset(context.scene, light_mix.group_names(context.scene))
             light_mix_picture.show(context.scene)
-            windows.redraw()
+            # For windows in rendered shading: Blender tells of what is set, and not of what is unset.
+            context.scene.update_tag()
         return {"FINISHED"}
 
 

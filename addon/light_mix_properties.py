@@ -9,17 +9,15 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, FloatVectorProperty
 
 from . import light_mix_files, light_mix_picture
-from .viewport import windows
 
 
 def mix_changed(settings: bpy.types.PropertyGroup, _context: Any) -> None:
-    """Have the picture mixed anew, and what windows in rendered shading show."""
+    """Have the picture mixed anew; windows in rendered shading hear of it by Blender."""
     owner = settings.id_data
     if isinstance(owner, bpy.types.Image):
         light_mix_files.show(owner)
     else:
         light_mix_picture.show(owner)
-        windows.redraw()
 
 
 class NeuralGuideLightMixGroup(bpy.types.PropertyGroup):

@@ -41,16 +41,6 @@ def wake() -> None:
     bpy.app.timers.register(_tick, first_interval=_BUSY_SECONDS)
 
 
-def redraw() -> None:
-    """Have all windows drawn: something has changed that Blender need not tell them of."""
-    for reference, _view in list(_windows):
-        engine = reference()
-        if engine is not None:
-            # Blender may have freed it a moment ago.
-            with contextlib.suppress(ReferenceError):
-                engine.tag_redraw()
-
-
 def _tick() -> float | None:
     is_busy = False
     for reference, view in list(_windows):

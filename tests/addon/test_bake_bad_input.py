@@ -260,5 +260,5 @@ def test_an_object_whose_faces_a_modifier_takes_away_is_named(plane: Any) -> Non
     scene, flat, image = plane
     modifier = flat.modifiers.new("Mask", "MASK")
     modifier.vertex_group = flat.vertex_groups.new(name="None").name
-    with pytest.raises(RuntimeError, match="object 'Plane' is in no render.*: it may have no faces"):
+    with pytest.raises(RuntimeError, match=r"object 'Plane' is in no render.*: it may have no faces"):
         bake(scene, image, "NEURALGUIDE", "EMIT", 1)
