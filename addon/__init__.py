@@ -25,6 +25,7 @@ def _modules() -> list:  # type: ignore[type-arg]
         kept_frames_operator,
         last_render,
         learned_fields,
+        light_mix_files,
         light_mix_lamps,
         light_mix_operator,
         light_mix_panel,
@@ -44,8 +45,9 @@ def _modules() -> list:  # type: ignore[type-arg]
 
     return [
         log, properties, saved_settings, engine, sequence, kept_frames, kept_frames_operator, learned_fields,
-        operators, sequence_operator, denoise_after_render, light_mix_picture, light_mix_lamps, light_mix_operator,
-        make_light_groups, ui, light_mix_panel, last_render, bug_report, preferences, warm_up, windows,
+        operators, sequence_operator, denoise_after_render, light_mix_picture, light_mix_files, light_mix_lamps,
+        light_mix_operator, make_light_groups, ui, light_mix_panel, last_render, bug_report, preferences, warm_up,
+        windows,
     ]  # fmt: skip
 
 

@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from .bake_overlaps import BakedUvs
 from .bake_pictures import BakePicture, bake_picture
 from .passes import write_pass
 from .progress import TerminalBar
@@ -95,6 +96,7 @@ class ObjectBake:
         self._settings = bake_settings(render_settings(scene), picture)
         self._view = _view_of(scene, picture)
         self._name = baked.name
+        self._uvs = BakedUvs(baked)
         self._description: SceneDescription | None = self._export(depsgraph)
         self._instance = -1
         if self._description is not None:
@@ -122,36 +124,46 @@ class ObjectBake:
             return None
 
     def bake_image(self, width: int, height: int) -> None:
-        """Bake the next image: what Blender calls a render's result has its places, and gets its pixels."""
+        """Bake the next image: what Blender calls a render's result has its places, and gets its pixels.
+
+        Raises
+        ------
+        ValueError
+            If this machine cannot hold it, or places are not on the object's mesh.
+        """
+        from engine.scene.limits import check_baked_image
+
         if self._description is None:
             return
+        check_baked_image(width, height, f"object {self._name!r}")
         # Blender tells images apart by the layer's name.
         target = self._engine.begin_result(0, 0, width, height, layer=f"bake_{self._image_count}")
         self._image_count += 1
         is_whole = False
         try:
             bake = read_places(target.layers[0], (height, width), self._instance, self._view)
-            covered = np.argwhere(bake.triangles >= 0)
-            if len(covered):
-                pixels = self._render(self._description, bake, covered)
-                if pixels is not None:
-                    write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
-                    is_whole = True
+            overlap = self._uvs.overlap_notice(bake)
+            self._show([] if overlap is None else [overlap])
+            if bake.has_places:
+                pixels = self._render(self._description, bake)
+            else:
+                # As in Cycles: what no face has is opaque or clear by the type that is baked.
+                pixels = self._picture.background(height, width)
+            if pixels is not None:
+                write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
+                is_whole = True
         finally:
             self._engine.end_result(target, cancel=not is_whole, do_merge_results=is_whole)
 
-    def _render(
-        self, description: SceneDescription, bake: Bake, covered: npt.NDArray[np.intp]
-    ) -> npt.NDArray[np.float32] | None:
-        """Pixels, float32 (H, W, 4), or None if the user has cancelled; `covered` are rows and columns of places."""
+    def _render(self, description: SceneDescription, bake: Bake) -> npt.NDArray[np.float32] | None:
+        """Pixels, float32 (H, W, 4), of the samples that there are if the user has cancelled; None of none."""
         from engine.render.session import LoadCancelled
 
         height, width = bake.triangles.shape
-        (y0, x0), (y1, x1) = covered.min(axis=0).tolist(), (covered.max(axis=0) + 1).tolist()
+        x0, y0, x1, y1 = region = bake.region
         frame = dataclasses.replace(
-            description.frame, width=width, height=height, region=(x0, y0, x1, y1), pixel_aspect_x=1.0,
-            pixel_aspect_y=1.0,
-        )  # fmt: skip
+            description.frame, width=width, height=height, region=region, pixel_aspect_x=1.0, pixel_aspect_y=1.0
+        )
         description = dataclasses.replace(description, frame=frame, bake=bake)
         try:
             with self._progress() as on_progress:
@@ -164,7 +176,7 @@ class ObjectBake:
                 )
         except LoadCancelled:
             return None
-        if result.report.cancelled:
+        if result.report.cancelled and not result.report.sample_count:
             return None
         self._show(result.report.notices)
         pixels = self._picture.background(height, width)

@@ -24,6 +24,7 @@ from . import (
     passes,
     sequence,
 )
+from .app_handlers import add_handlers, remove_handlers
 from .baking import BakeHook
 from .failures import what_failed
 from .frame_parts import is_only_picture, place
@@ -308,12 +309,13 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
 
             height, width = target.resolution_y, target.resolution_x
             waiting = WaitingPicture(show_waiting, height, width) if self.shows_waiting else None
+            mix = light_mix_picture.RenderedMix(self, depsgraph, view, description)
 
             def on_image(images: Any) -> None:
                 nonlocal keep
                 if waiting is not None:
                     waiting.end()
-                write(images)
+                mix.stream(images, write)
                 keep = self._has_picture = True
                 self.update_result(target)
                 self._note_image()
@@ -334,20 +336,14 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
                 start, notices = self._fields.start(self._session)
                 self._show(notices)
                 result = self._session.render(
-                    on_progress=on_progress,
-                    on_image=on_image,
-                    should_cancel=self._should_cancel,
-                    passes=set(wanted),
-                    source=source,
-                    start=start,
-                    keep=self._fields.keeps,
-                    one_by_one=True,
-                )
+                    on_progress=on_progress, on_image=on_image, should_cancel=self._should_cancel, passes=set(wanted),
+                    source=source, start=start, keep=self._fields.keeps, one_by_one=True,
+                )  # fmt: skip
             learned, report = result.learned, result.report
             cancelled = report.cancelled
             if cancelled and not report.sample_count:
                 raise _NothingRendered
-            kept = light_mix_picture.note(result.passes, depsgraph.view_layer_eval, write)
+            kept = mix.note(result.passes, write)
             # With it the film goes, before Blender makes a copy of its own.
             del result
             keep = self._has_picture = True
@@ -364,7 +360,7 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
             ("keeping what was learned", lambda: self._show(self._fields.take(learned))),
             ("saying what is kept of it", lambda: self._note_kept(depsgraph, report)),
             ("saying how the render went", lambda: self._report_result(depsgraph, report)),
-            ("keeping light groups", lambda: light_mix_picture.keep(self, depsgraph, view, description, kept)),
+            ("keeping light groups", lambda: mix.keep(kept)),
             ("naming what is in mattes", lambda: figures.stamp_mattes(self, depsgraph.view_layer_eval, description)),
         ):
             self._attempt(doing, work, "the picture is whole")
@@ -487,11 +483,14 @@ class NeuralGuideRenderEngine(BakeHook, bpy.types.RenderEngine):
         return self.test_break() or kept_frames.is_asked_to_end() or any(hook() for hook in cancel_hooks)
 
 
+def _handlers() -> list[tuple[list[Any], Any]]:
+    return [(bpy.app.handlers.render_init, forget_notices), (bpy.app.handlers.load_pre, forget_outcomes)]
+
+
 def register() -> None:
     """Make the engine selectable."""
     bpy.utils.register_class(NeuralGuideRenderEngine)
-    bpy.app.handlers.render_init.append(forget_notices)
-    bpy.app.handlers.load_pre.append(forget_outcomes)
+    add_handlers(_handlers())
 
 
 def unregister() -> None:
@@ -500,9 +499,6 @@ def unregister() -> None:
 
     training_process.dismiss()
     material_preview.forget_session()
-    if forget_notices in bpy.app.handlers.render_init:
-        bpy.app.handlers.render_init.remove(forget_notices)
-    if forget_outcomes in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(forget_outcomes)
+    remove_handlers(_handlers())
     forget_outcomes()
     bpy.utils.unregister_class(NeuralGuideRenderEngine)

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The light mix of a scene: a factor for each of its light groups, as the .blend file keeps it.
+"""The light mix of a scene or of an image: a factor for each of its light groups, as the .blend file keeps it.
 
 A group is a name that objects have, so it has one factor, in whatever view layers it is. The factors are the scene's
 also because Blender keyframes no lists of view layers.
+
+An image of a saved file has factors of its own (`light_mix_files`).
 
 Users change it in the panel (`light_mix_panel`). A render adds a group that has no factor yet, and notes the mix in the
 metadata of its files (`light_mix_picture`). The shown picture, files of a sequence (`light_mix_sequence`) and lamps
@@ -12,7 +14,7 @@ metadata of its files (`light_mix_picture`). The shown picture, files of a seque
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import bpy
@@ -30,6 +32,9 @@ Factor = tuple[float, float, float]
 NEUTRAL: Factor = (1.0, 1.0, 1.0)
 OFF: Factor = (0.0, 0.0, 0.0)
 
+#: What has a mix: a scene, that of its renders, or an image, that of its file of layers.
+Owner = Any
+
 
 def factor_of(entry: Any) -> Factor:
     """What the light of a group is multiplied by: strength times colour, or 0 where it is switched off."""
@@ -39,9 +44,20 @@ def factor_of(entry: Any) -> Factor:
     return red, green, blue
 
 
-def factors_of(scene: bpy.types.Scene) -> dict[str, Factor]:
-    """The mix of a scene: a factor by group."""
-    return {entry.name: factor_of(entry) for entry in scene.neuralguide.light_mix}
+def set_factor(entry: Any, factor: Factor) -> None:
+    """Have a group multiplied by a factor: its largest channel is the strength, and the rest of it the colour."""
+    entry.strength = strength = max(factor)
+    if strength > 0.0:
+        red, green, blue = factor
+        entry.color = red / strength, green / strength, blue / strength
+    else:
+        entry.property_unset("strength")
+        entry.is_on = False
+
+
+def factors_of(owner: Owner) -> dict[str, Factor]:
+    """The mix of a scene or of an image: a factor by group."""
+    return {entry.name: factor_of(entry) for entry in owner.neuralguide.light_mix}
 
 
 def group_names(scene: bpy.types.Scene) -> list[str]:
@@ -59,9 +75,9 @@ def shown_factors(scene: bpy.types.Scene) -> dict[str, Factor]:
     return factors
 
 
-def add_missing(scene: bpy.types.Scene, names: Iterable[str]) -> None:
+def add_missing(owner: Owner, names: Iterable[str]) -> None:
     """Have a factor for each of these groups. None is taken away or moved: keyframes name them by their place."""
-    mix = scene.neuralguide.light_mix
+    mix = owner.neuralguide.light_mix
     for name in names:
         if name not in mix:
             mix.add().name = name
@@ -73,10 +89,9 @@ def reset_entry(entry: Any) -> None:
         entry.property_unset(name)
 
 
-def reset(scene: bpy.types.Scene) -> None:
-    """All factors are 1 again, and those of groups that no view layer has any longer go."""
-    known = group_names(scene)
-    mix = scene.neuralguide.light_mix
+def reset(owner: Owner, known: Collection[str]) -> None:
+    """All factors are 1 again, and those of groups that are not `known` any longer go."""
+    mix = owner.neuralguide.light_mix
     for index in reversed(range(len(mix))):
         if mix[index].name in known:
             reset_entry(mix[index])

@@ -12,7 +12,8 @@ from bpy_extras.io_utils import ImportHelper
 
 from .exr_layers import LayeredImage
 from .frame_by_frame import FrameByFrame
-from .light_mix_sequence import FOLDER, Mix, SequenceMixer, find_files, mix_in, mixes_of
+from .light_mix_layers import Mix, mix_in
+from .light_mix_sequence import FOLDER, SequenceMixer, find_files, mixes_of
 from .shared_settings import thread_count
 
 

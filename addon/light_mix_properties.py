@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the .blend file keeps of a light mix: strength, colour and a switch for each light group of a scene."""
+"""What the .blend file keeps of a light mix: strength, colour and a switch for each light group of a scene or image."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, FloatVectorProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, FloatVectorProperty
 
-from . import light_mix_picture
+from . import light_mix_files, light_mix_picture
 
 
 def mix_changed(settings: bpy.types.PropertyGroup, _context: Any) -> None:
-    """Have the picture mixed anew."""
-    light_mix_picture.show(settings.id_data)
+    """Have the picture mixed anew; windows in rendered shading hear of it by Blender."""
+    owner = settings.id_data
+    if isinstance(owner, bpy.types.Image):
+        light_mix_files.show(owner)
+    else:
+        light_mix_picture.show(owner)
 
 
 class NeuralGuideLightMixGroup(bpy.types.PropertyGroup):
@@ -35,3 +39,19 @@ class NeuralGuideLightMixGroup(bpy.types.PropertyGroup):
         size=3, default=(1.0, 1.0, 1.0), min=0.0, options={"HIDDEN"}
     )
 
+
+def mix_properties() -> dict[str, Any]:
+    """Properties of whatever has a mix."""
+    return {
+        "light_mix": CollectionProperty(type=NeuralGuideLightMixGroup),
+        "use_light_mix": BoolProperty(
+            name="Light Mix", description="Show the picture with its light groups mixed; off: as it was rendered",
+            default=True, update=mix_changed,
+        ),
+    }  # fmt: skip
+
+
+class NeuralGuideImageSettings(bpy.types.PropertyGroup):
+    """What images of files of layers have: the mix of their light groups."""
+
+    __annotations__ = mix_properties()

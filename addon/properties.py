@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`neuralguide` of scenes, materials and view layers: what a user may choose, under the names scripts depend on."""
+"""`neuralguide` of scenes, materials, view layers and images: what a user may choose, by names scripts depend on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import bpy
 from bpy.props import (
     BoolProperty,
-    CollectionProperty,
     EnumProperty,
     FloatProperty,
     IntProperty,
@@ -21,7 +20,7 @@ from bpy.props import (
 from engine.settings import MAX_SEED, RenderSettings, Setting
 
 from .declared_settings import EXPERIMENT, SCENE_SETTINGS, scene_default, setting_owner
-from .light_mix_properties import NeuralGuideLightMixGroup, mix_changed
+from .light_mix_properties import NeuralGuideImageSettings, NeuralGuideLightMixGroup, mix_properties
 from .shared_settings import SHARED_SETTINGS, setting_value, thread_count
 
 _KINDS = {bool: BoolProperty, int: IntProperty, float: FloatProperty, str: StringProperty}
@@ -81,11 +80,7 @@ class NeuralGuideSceneSettings(bpy.types.PropertyGroup):
 
     __annotations__ = _properties(setting for setting in SCENE_SETTINGS.values() if not setting.is_experiment) | {
         EXPERIMENT: PointerProperty(type=NeuralGuideExperimentSettings),
-        "light_mix": CollectionProperty(type=NeuralGuideLightMixGroup),
-        "use_light_mix": BoolProperty(
-            name="Light Mix", description="Show the picture with its light groups mixed; off: as it was rendered",
-            default=True, update=mix_changed,
-        ),
+        **mix_properties(),
     }
 
 
@@ -179,6 +174,7 @@ def render_settings(scene: bpy.types.Scene) -> RenderSettings:
 _classes = (
     NeuralGuideExperimentSettings,
     NeuralGuideLightMixGroup,
+    NeuralGuideImageSettings,
     NeuralGuideSceneSettings,
     NeuralGuideMaterialSettings,
     NeuralGuideViewLayerSettings,
@@ -186,16 +182,18 @@ _classes = (
 
 
 def register() -> None:
-    """Add the settings to scenes, materials and view layers."""
+    """Add the settings to scenes, materials, view layers and images."""
     for cls in _classes:
         bpy.utils.register_class(cls)
     bpy.types.Scene.neuralguide = PointerProperty(type=NeuralGuideSceneSettings)
     bpy.types.Material.neuralguide = PointerProperty(type=NeuralGuideMaterialSettings)
     bpy.types.ViewLayer.neuralguide = PointerProperty(type=NeuralGuideViewLayerSettings)
+    bpy.types.Image.neuralguide = PointerProperty(type=NeuralGuideImageSettings)
 
 
 def unregister() -> None:
     """Take them away; what a file holds stays in it."""
+    del bpy.types.Image.neuralguide
     del bpy.types.ViewLayer.neuralguide
     del bpy.types.Material.neuralguide
     del bpy.types.Scene.neuralguide

@@ -202,6 +202,9 @@ in the same place do not come before it. Within a texel places are drawn evenly,
 first sample looks at its centre. What lets light through shows nothing behind it, and alpha says how much. Nothing is
 blurred by motion, and no camera is needed but for View From.
 
+Faces whose UVs lie over each other are baked as Blender gives the texels, to the last of them, as by Cycles, and the
+object is named. A bake that is cancelled leaves the samples that there are.
+
 Only Combined is denoised, where the scene is. Refused with a message are View From without a camera, an object that no
 ray meets, faces with vertices that are NaN or infinite, and images that the memory does not hold. Blender itself
 refuses objects without UVs or faces.""",

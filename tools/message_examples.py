@@ -215,8 +215,18 @@ EXAMPLES_IN: dict[str, dict[str, str]] = {
         "problem": "Key: lamp Sun is used by group Fill too",
         "', '.join(written)": "Key, Sky",
     },
-    "addon/light_mix_sequence.py": {
-        "folder": "/shots",
+    "addon/light_mix_sequence.py": {"folder": "/shots"},
+    "addon/bake_overlaps.py": {"lost / whole": "50%"},
+    "addon/light_mix_files.py": {"image.name": "room_0001.exr", "path": "/shots/room_0001.exr"},
+    "addon/light_mix_panel.py": {"path": "/shots/room_0001.exr"},
+    "addon/exr_metadata.py": {
+        "path": "/shots/room_0001.exr",
+        "error": "it is not whole",
+        "error.strerror or error": "Permission denied",
+        "name.decode('latin-1')": "channels",
+        "size": "-1",
+    },
+    "addon/light_mix_layers.py": {
         "image.path": "/shots/room_0001.exr",
         "error": "its light mix is none: [1, 2]",
         "text": "Open Image Denoise was not found: this Blender has none. The package pyoidn brings it",

@@ -46,8 +46,9 @@ TOPICS = (
         "Mixing lights",
         (
             "addon/light_mix.py", "addon/light_mix_lamps.py", "addon/light_mix_operator.py", "addon/light_mix_panel.py",
-            "addon/light_mix_picture.py", "addon/light_mix_sequence.py", "addon/make_light_groups.py",
-            "addon/cli_mixing.py", "engine/render/light_mix.py",
+            "addon/light_mix_picture.py", "addon/light_mix_images.py", "addon/light_mix_files.py",
+            "addon/light_mix_layers.py", "addon/light_mix_sequence.py", "addon/exr_metadata.py",
+            "addon/make_light_groups.py", "addon/cli_mixing.py", "engine/render/light_mix.py",
         ),
         "The picture is there as it was rendered. [light-mixing.md](light-mixing.md) says what a mix needs, and what "
         "can be written back to lamps.",

@@ -12,11 +12,12 @@ import time
 from dataclasses import fields, replace
 from typing import Any
 
+from engine.render.light_mix import changes
 from engine.scene.content import same_content
 from engine.scene.description import Instances, SceneDescription
 from engine.settings import RenderSettings
 from engine.viewport.handle import ViewProcess
-from engine.viewport.view import Update, View
+from engine.viewport.view import Factor, Update, View
 
 #: How long a process without a window is kept [s].
 SPARE_SECONDS = 300.0
@@ -43,6 +44,7 @@ class Host:
         self.scene: SceneDescription | None = None
         self._sent = Update()
         self._started = -1e9
+        self._mixes = False
 
     def _start(self) -> bool:
         """Start a process, which knows nothing of what the last one knew; False where one has just been tried."""
@@ -60,15 +62,20 @@ class Host:
         self.scene = settled
         return is_changed
 
-    def show(self, view: View, settings: RenderSettings, *, denoises_from: int = 1, is_paused: bool) -> bool:
+    def show(
+        self, view: View, settings: RenderSettings, *, denoises_from: int = 1, is_paused: bool,
+        mix: dict[str, Factor] | None = None,
+    ) -> bool:
         """Send what differs from what the process has; whether anything does.
 
+        Factors of light groups, `mix`, are sent once one of them is not 1, and from then on: keeping groups takes time.
         Where a process has ended by itself another one is started with the next change, and not before: users are to
         read why, and what ended it may do so again.
         """
         if self.scene is None:
             return False
-        wanted = Update(view, self.scene, settings, denoises_from, is_paused)
+        self._mixes = self._mixes or bool(changes(mix or {}))
+        wanted = Update(view, self.scene, settings, denoises_from, is_paused, mix if self._mixes else None)
         update = _difference(self._sent, wanted)
         if not self.process.is_alive:
             if update.is_empty or not self._start():
@@ -95,6 +102,7 @@ def _difference(sent: Update, wanted: Update) -> Update:
         settings=wanted.settings if wanted.settings != sent.settings else None,
         denoises_from=wanted.denoises_from if wanted.denoises_from != sent.denoises_from else None,
         is_paused=wanted.is_paused if wanted.is_paused != sent.is_paused else None,
+        mix=wanted.mix if wanted.mix != sent.mix else None,
     )
 
 

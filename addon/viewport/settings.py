@@ -7,14 +7,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from engine.methods import METHODS, SOURCES
+from engine.render.light_mix import checked_factors
 from engine.settings import LEAST_GUIDED_SAMPLES, RenderSettings
 
+from .. import light_mix
 from ..properties import render_settings
 from ..shared_settings import follows_cycles, setting_value
 from ..versions import PAUSED_BY_WINDOW, is_since
 
 if TYPE_CHECKING:
     import bpy
+
+    from engine.viewport.view import Factor
 
 #: Where Cycles' number is 0, without end: a day or so. Lengths of iterations are worked out ahead.
 _ENDLESS_SAMPLES = 1 << 16
@@ -64,6 +68,22 @@ def _method(name: str, samples: int) -> str:
 def _cache(kind: str) -> str:
     """A cache starts anew with every edit too: a viewport has one where a user has chosen it."""
     return "OFF" if kind == "AUTO" else kind
+
+
+def shown_mix(depsgraph: bpy.types.Depsgraph) -> dict[str, Factor]:
+    """What the light of each group of a view layer is multiplied by: 1 where the mix is switched off.
+
+    Raises
+    ------
+    ValueError
+        Naming a group whose factor makes no sense.
+    """
+    scene = depsgraph.scene
+    groups = [group.name for group in getattr(depsgraph.view_layer_eval, "lightgroups", ())]
+    factors = light_mix.factors_of(scene) if scene.neuralguide.use_light_mix else {}
+    mix = {group: factors.get(group, light_mix.NEUTRAL) for group in groups}
+    checked_factors(mix)
+    return mix
 
 
 def is_paused(scene: bpy.types.Scene, region_data: bpy.types.RegionView3D) -> bool:

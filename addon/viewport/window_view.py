@@ -16,13 +16,13 @@ from .camera import culling_view, dicing_view, read_view
 from .classify import Change, Touched, classify
 from .drawing import Canvas
 from .host import Host, acquire, release
-from .settings import denoises_from, is_paused, preview_settings
+from .settings import denoises_from, is_paused, preview_settings, shown_mix
 
 if TYPE_CHECKING:
     import bpy
 
     from engine.settings import RenderSettings
-    from engine.viewport.view import View
+    from engine.viewport.view import Factor, View
 
 #: How long a window must keep its size before it is rendered in it [s].
 _RESIZE_SECONDS = 0.3
@@ -112,11 +112,12 @@ class WindowView:
         try:
             view = self._view(context, depsgraph)
             self._export(context, depsgraph, view)
+            mix = shown_mix(depsgraph)
             self._problem = ""
         except ValueError as error:
             self._problem = str(error)
         else:
-            self._send(view, depsgraph.scene, context.region_data)
+            self._send(view, mix, depsgraph.scene, context.region_data)
         image = process.read_image()
         if image is not None:
             self._canvas.take(image)
@@ -130,7 +131,9 @@ class WindowView:
         )
         return read_view(export, context.region, context.space_data, context.region_data)
 
-    def _send(self, view: View, scene: bpy.types.Scene, region_data: bpy.types.RegionView3D) -> None:
+    def _send(
+        self, view: View, mix: dict[str, Factor], scene: bpy.types.Scene, region_data: bpy.types.RegionView3D
+    ) -> None:
         assert self._settings is not None
         size = view.width, view.height
         now = time.monotonic()
@@ -140,7 +143,7 @@ class WindowView:
         if now - self._resized < _RESIZE_SECONDS:
             return
         paused = is_paused(scene, region_data)
-        self.host.show(view, self._settings, denoises_from=denoises_from(scene), is_paused=paused)
+        self.host.show(view, self._settings, denoises_from=denoises_from(scene), is_paused=paused, mix=mix)
 
     def tick(self) -> tuple[bool, bool]:
         """Look at the process: whether the window is to be drawn again, and whether more will come soon."""

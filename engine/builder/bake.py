@@ -31,6 +31,9 @@ from engine.state.geometry import MESH_FIRST_TRIANGLE, MESH_SHAPE, MESH_TRIANGLE
 #: coordinate, or of 1 m if that is more. Shadow rays would leave along the faces beside it. As in Cycles.
 _OFF_CORNERS = 1e-4
 
+#: Places whose corners are looked up together: those of all take ten times as much room as the places.
+_BLOCK = 1 << 18
+
 
 def build_bake(description: SceneDescription, geometry: GeometryArrays) -> BakeArrays:
     """The places that a description's bake looks at; those of nobody where it has none.
@@ -62,29 +65,31 @@ def build_bake(description: SceneDescription, geometry: GeometryArrays) -> BakeA
             f"displacement: its faces are others than those to be baked. Repair the mesh, or bake without adaptive "
             f"subdivision"
         )
-    covered = np.flatnonzero(bake.triangles.reshape(-1) >= 0)
-    triangles = bake.triangles.reshape(-1)[covered]
+    is_covered = bake.triangles >= 0
+    triangles = bake.triangles[is_covered]
     if len(triangles) and int(triangles.max()) >= len(mesh.triangles):
         raise ValueError(
             f"object {name!r} has {len(mesh.triangles)} triangles, and triangle {int(triangles.max())} is to be baked: "
             f"its mesh is another in the bake than in renders"
         )
     rows = np.full(frame.width * frame.height, -1, np.int32)
-    rows[covered] = np.arange(len(covered), dtype=np.int32)
-    corners = np.asarray(mesh.vertices, np.float64)[mesh.triangles[triangles]]
-    places = np.zeros((len(covered), PLACE_WIDTH), np.float32)
-    places[:, :2] = _off_corners(bake.weights.reshape(-1, 2)[covered].astype(np.float64), corners)
-    places[:, 2:6] = bake.differentials.reshape(-1, 4)[covered]
+    rows[is_covered.reshape(-1)] = np.arange(len(triangles), dtype=np.int32)
+    places = np.empty((len(triangles), PLACE_WIDTH), np.float32)
+    places[:, :2], places[:, 2:6] = bake.weights[is_covered], bake.differentials[is_covered]
     transform = np.asarray(instances.transform[bake.instance], np.float64)
-    places[:, PLACE_RADIUS] = _radii(places[:, 2:6].astype(np.float64), corners, transform)
+    for start in range(0, len(places), _BLOCK):
+        block = places[start : start + _BLOCK]
+        corners = np.asarray(mesh.vertices, np.float64)[mesh.triangles[triangles[start : start + _BLOCK]]]
+        block[:, :2] = _off_corners(block[:, :2].astype(np.float64), corners)
+        block[:, PLACE_RADIUS] = _radii(block[:, 2:6].astype(np.float64), corners, transform)
     header = np.zeros(BAKE_HEADER_WIDTH, np.int64)
     header[BAKE_INSTANCE], header[BAKE_IMAGE_WIDTH] = bake.instance, frame.width
     numbers = np.zeros(BAKE_NUMBERS, np.float32)
     header[BAKE_VIEW], numbers[BAKE_EYE : BAKE_EYE + 3] = _view(bake, description.camera)
     numbers[BAKE_DISTANCE] = _extent(np.asarray(mesh.vertices, np.float64), transform)
-    seeds = np.zeros(0, np.int32) if bake.seeds is None else bake.seeds.reshape(-1)[covered].astype(np.int32)
+    seeds = np.zeros(0, np.int32) if bake.seeds is None else bake.seeds[is_covered].astype(np.int32)
     return BakeArrays(
-        header, numbers, rows, places, (triangles + row[MESH_FIRST_TRIANGLE]).astype(np.int32), seeds
+        header, numbers, rows, places, triangles + np.int32(row[MESH_FIRST_TRIANGLE]), seeds
     )
 
 

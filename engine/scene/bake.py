@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from engine.array_types import Float32Array, Int32Array
 
 #: From where each place is looked at: along its normal, from the scene's camera, or not at all: what is looked at is
@@ -40,3 +42,15 @@ class Bake:
     differentials: Float32Array
     seeds: Int32Array | None = None
     view: str = FROM_ABOVE
+
+    @property
+    def has_places(self) -> bool:
+        """Whether any pixel has something to look at."""
+        return bool((self.triangles >= 0).any())
+
+    @property
+    def region(self) -> tuple[int, int, int, int]:
+        """The smallest rectangle that all places are in: (x0, y0, x1, y1), y from the bottom; there is a place."""
+        is_covered = self.triangles >= 0
+        (columns,), (rows,) = np.nonzero(is_covered.any(axis=0)), np.nonzero(is_covered.any(axis=1))
+        return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -22,6 +22,9 @@ _BYTES_PER_TRIANGLE, _BYTES_PER_INSTANCE, _BYTES_PER_LIGHT = 160, 500, 3000
 _BYTES_PER_KEY = 200
 #: Memory for a channel of a pass: the engine's image of it and the host's.
 _BYTES_PER_CHANNEL = 8
+#: Memory for a texel of a bake, without the image itself: places as Blender has them, as they are read and as kernels
+#: read them, and a picture (docs/decisions/baking.md).
+_BYTES_PER_TEXEL = 240
 #: Where the system does not tell how much memory it has.
 _USUAL_MEMORY = 1 << 35
 
@@ -145,6 +148,23 @@ def check_copy(size: int) -> None:
     """
     if resident_memory() + size > usable_memory():
         raise MemoryError
+
+
+def check_baked_image(width: int, height: int, subject: str) -> None:
+    """Refuse an image to bake, before room is made for it, if this machine cannot hold what a bake of it takes.
+
+    Raises
+    ------
+    ValueError
+        Saying what of `subject` it is, and what to do.
+    """
+    needed = resident_memory() + width * height * _BYTES_PER_TEXEL
+    there = usable_memory() + swap_memory()
+    if needed > there:
+        raise ValueError(
+            f"{subject}: to bake an image of {width} x {height} pixels needs {needed / 2**30:.0f} GiB of memory and "
+            f"this machine has {there / 2**30:.0f}: bake a smaller image, or spread UVs over tiles or several images"
+        )
 
 
 def texture_memory(chosen: int) -> int:

@@ -32,6 +32,7 @@ from engine.render.report import Progress
 from engine.render.session import Session
 from engine.scene.description import Notice
 from engine.settings import RenderSettings
+from engine.viewport.mixing import group_passes, mixed_picture
 from engine.viewport.pacing import PACE, Pacing
 from engine.viewport.protocol import BUILDING, COMPILING, DONE, FAILED, PAUSED, RENDERING, WAITING, Block, Status
 from engine.viewport.transfer import Receiver
@@ -51,6 +52,8 @@ class Inbox:
     """Updates that have come and were not taken; those that wait are one."""
 
     def __init__(self) -> None:
+        #: Whether light groups are rendered, so that other factors of theirs need no other render.
+        self.mixes = False
         self._changed = threading.Condition()
         self._waiting: Update | None = None
         self._number = 0
@@ -64,14 +67,29 @@ class Inbox:
 
     @property
     def has_news(self) -> bool:
-        """Whether something waits."""
-        return self._waiting is not None
+        """Whether something waits that needs another render."""
+        waiting = self._waiting
+        return waiting is not None and not (self.mixes and waiting.is_mix_alone)
 
     def take(self) -> tuple[Update, int]:
         """All that waits, and the number of its newest; waits for something to come."""
+        self.wait()
+        with self._changed:
+            assert self._waiting is not None  # nobody else takes
+            update, self._waiting = self._waiting, None
+            return update, self._number
+
+    def wait(self) -> None:
+        """Wait for something to come."""
         with self._changed:
             while self._waiting is None:
                 self._changed.wait()
+
+    def take_mix(self) -> tuple[Update, int] | None:
+        """All that waits, if that is factors of light groups alone."""
+        with self._changed:
+            if self._waiting is None or not self._waiting.is_mix_alone:
+                return None
             update, self._waiting = self._waiting, None
             return update, self._number
 
@@ -99,7 +117,9 @@ class Service:
         #: What was learned last, maybe of the scene before an edit.
         self._field: LearnedField | None = None
         #: The last whole picture of this update, for pixels of a finer one that have no sample yet.
-        self._coarse: tuple[Float32Array, int] | None = None
+        self._coarse: tuple[Images, int] | None = None
+        #: What is shown, before it was mixed: passes, view and divider.
+        self._shown: tuple[Images, View, int] | None = None
         self._denoising = Denoising(RenderSettings(use_denoising=False), 1)
         #: When the picture of this update may be denoised next, and whether it was.
         self._next_denoising = 0.0
@@ -124,19 +144,10 @@ class Service:
         """Render until the input ends."""
         while True:
             self.block.beat()
-            update, self._number = self._inbox.take()
-            started = time.perf_counter()
-            self._state = self._state.then(update)
-            # Held by the state alone: a scene that is replaced is freed before the next is built.
-            scene_changed, update = update.scene is not None, Update()
-            if self._state.is_paused:
-                self._tell(PAUSED, "Paused")
-                continue
-            if self._state.view is None or self._state.settings is None or self._state.scene is None:
-                self._tell(WAITING, "")
-                continue
+            self._inbox.wait()
             try:
-                self._render(self._state.view, scene_changed, started)
+                if not self._mix_anew():
+                    self._begin()
             except ValueError as error:
                 self._tell(FAILED, str(error))
             except MemoryError:
@@ -146,10 +157,25 @@ class Service:
 
     # One state, rendered
 
+    def _begin(self) -> None:
+        """Render by all that waits."""
+        update, self._number = self._inbox.take()
+        started = time.perf_counter()
+        self._state = self._state.then(update)
+        self._inbox.mixes = bool(self._state.mix)
+        # Held by the state alone: a scene that is replaced is freed before the next is built.
+        scene_changed, update = update.scene is not None, Update()
+        if self._state.is_paused:
+            self._tell(PAUSED, "Paused")
+        elif self._state.view is None or self._state.settings is None or self._state.scene is None:
+            self._tell(WAITING, "")
+        else:
+            self._render(self._state.view, scene_changed, started)
+
     def _render(self, view: View, scene_changed: bool, started: float) -> None:
         session = self._load(view, scene_changed)
         x0, y0, x1, y1 = view.region
-        self._coarse = None
+        self._coarse = self._shown = None
         self._is_denoised = False
         judge = self._judge(session)
         field = self._field if judge is None else judge.field
@@ -173,7 +199,7 @@ class Service:
                 return
             tracing = result.report.render_seconds
             self._show(result.passes, view, divider)
-            self._coarse = result.passes["Combined"], divider
+            self._coarse = result.passes, divider
             if not (scene_changed and is_first):
                 # What a new scene takes to be built is no measure of the next view of it.
                 begun = started if is_first else before
@@ -232,6 +258,7 @@ class Service:
 
         def should_cancel() -> bool:
             self.block.beat()
+            self._mix_anew()
             return self._inbox.has_news and (has_image or not is_first)
 
         result = session.render(
@@ -248,8 +275,32 @@ class Service:
             self._show(result.passes, view, 1)
             self._tell(DONE, "Done", sample=round(result.report.sample_count), samples=self._status.samples)
 
+    def _mix_anew(self) -> bool:
+        """Show the picture by other factors of light groups, if such have come; whether that is so."""
+        taken = self._inbox.take_mix() if self._inbox.mixes else None
+        if taken is None:
+            return False
+        update, self._number = taken
+        self._state = self._state.then(update)
+        if self._shown is not None:
+            self._next_denoising = 0.0
+            self._show(*self._shown)
+        self._status = replace(self._status, update=self._number)
+        self.block.write_status(self._status)
+        return True
+
+    def _mixed(self, images: Images) -> Float32Array:
+        """Combined by the factors of light groups."""
+        return mixed_picture(images, self._light_groups, self._state.mix)
+
+    @property
+    def _light_groups(self) -> tuple[str, ...]:
+        return () if self._state.scene is None else self._state.scene.light_groups
+
     def _show(self, images: Images, view: View, divider: int) -> None:
-        pixels = images["Combined"]
+        self._shown = images, view, divider
+        pixels = self._mixed(images)
+        images = {**images, "Combined": pixels}
         x0, y0, x1, y1 = view.region
         if divider > 1:
             x0, y0 = x0 // divider * divider, y0 // divider * divider
@@ -261,7 +312,8 @@ class Service:
                     return
                 pixels = images["Combined"]
             elif self._coarse is not None:
-                fill_unsampled(pixels, count, *self._coarse, (x0, y0))
+                coarse, size = self._coarse
+                fill_unsampled(pixels, count, self._mixed(coarse), size, (x0, y0))
         self.block.write_image(pixels, (x0, y0, x1, y1), divider, self._number)
 
     def _denoise(self, images: Images) -> bool:
@@ -281,7 +333,8 @@ class Service:
     @property
     def _passes(self) -> frozenset[str]:
         """Passes of every picture, always the same: kernels are linked for what is asked of them."""
-        return frozenset({"Combined", "Sample Count"}) | self._denoising.passes
+        groups = group_passes(self._light_groups, self._state.mix)
+        return frozenset({"Combined", "Sample Count"}) | self._denoising.passes | groups
 
     # Telling the host
 

@@ -11,6 +11,8 @@ from engine.scene.description import Camera, Frame, SceneDescription
 from engine.settings import RenderSettings
 
 Region = tuple[int, int, int, int]
+#: Of a light group: for red, green and blue.
+Factor = tuple[float, float, float]
 
 
 class Plane(NamedTuple):
@@ -91,6 +93,8 @@ class Update:
     settings : RenderSettings, samples, noise threshold and denoising those of the view
     denoises_from : int, samples a pixel before which nothing is denoised
     is_paused : bool, whether the process is to wait
+    mix : dict of three floats, what the light of each light group is multiplied by; as long as it is empty no groups
+        are kept, and with the first factors the picture starts anew
     """
 
     view: View | None = None
@@ -98,11 +102,17 @@ class Update:
     settings: RenderSettings | None = None
     denoises_from: int | None = None
     is_paused: bool | None = None
+    mix: dict[str, Factor] | None = None
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing has changed."""
         return all(value is None for value in self.__dict__.values())
+
+    @property
+    def is_mix_alone(self) -> bool:
+        """Whether nothing but the factors of light groups has changed."""
+        return self.mix is not None and replace(self, mix=None).is_empty
 
     def then(self, later: Update) -> Update:
         """Both as one."""

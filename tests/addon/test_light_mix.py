@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from addon import light_mix, light_mix_picture
+from addon import light_mix, light_mix_passes, light_mix_picture
 from benchmarks.images import read_exr
 from engine.denoise import library
+from tests.helpers.bake_scenes import pixels_of
 from tests.helpers.fake_engine import FakeEngine
+from tests.helpers.image_editors import image_editor
 from tests.helpers.light_groups import grouped, keyframe
 from tests.helpers.panel_layout import Layout
 from tests.helpers.pass_files import ask_for_passes, render_passes
@@ -26,7 +28,7 @@ GROUPS = ["Key", "Glow", "Sky"]
 @pytest.fixture(autouse=True)
 def _somebody_looks(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Renders keep their groups, as in a window."""
-    monkeypatch.setattr(light_mix_picture, "keeps_passes", True)
+    monkeypatch.setattr(light_mix_passes, "keeps_passes", True)
     yield
     light_mix_picture.forget()
 
@@ -64,9 +66,7 @@ def shown(scene: Any, layer: Any = None) -> np.ndarray:
     """Pixels of the image that shows the mix."""
     image = light_mix_picture.image_of(scene, layer or scene.view_layers[0])
     assert image is not None
-    pixels = np.empty(image.size[0] * image.size[1] * 4, np.float32)
-    image.pixels.foreach_get(pixels)
-    return pixels.reshape(image.size[1], image.size[0], 4)
+    return pixels_of(image)
 
 
 def test_a_render_gives_each_group_a_factor_of_one_and_makes_no_image(rendered: Any) -> None:
@@ -131,7 +131,7 @@ def test_files_keep_what_was_rendered_and_say_the_mix_of_their_frame(
     """An animated factor is that of the frame."""
     import bpy
 
-    monkeypatch.setattr(light_mix_picture, "keeps_passes", somebody_looks)
+    monkeypatch.setattr(light_mix_passes, "keeps_passes", somebody_looks)
     light_mix.add_missing(scene, GROUPS)
     scene.neuralguide.light_mix["Sky"].color = (0.5, 0.25, 1.0)
     keyframe(scene, "Key", {1: 1.0, 3: 5.0})
@@ -271,7 +271,8 @@ def test_image_editors_that_show_the_render_result_show_the_mix(rendered: Any) -
     import bpy
 
     scene, _ = rendered
-    space, result = image_editor()
+    result = bpy.data.images["Render Result"]
+    space = image_editor(result)
     scene.neuralguide.light_mix["Key"].strength = 2.0
     mix = light_mix_picture.image_of(scene, scene.view_layers[0])
     assert space.image == mix
@@ -284,22 +285,11 @@ def test_image_editors_that_show_the_render_result_show_the_mix(rendered: Any) -
     assert space.image == other
 
 
-def image_editor() -> tuple[Any, Any]:
-    """An image editor that shows the Render Result, and that."""
-    import bpy
-
-    area = bpy.context.window_manager.windows[0].screen.areas[0]
-    area.type = "IMAGE_EDITOR"
-    space = area.spaces.active
-    space.image = bpy.data.images["Render Result"]
-    return space, space.image
-
-
 def test_undoing_brings_factors_lamps_and_the_picture_back(rendered: Any) -> None:
     import bpy
 
     scene, _ = rendered
-    space, _ = image_editor()
+    space = image_editor(bpy.data.images["Render Result"])
     bpy.ops.ed.undo_push(message="before")
     scene.neuralguide.light_mix["Key"].strength = 2.0
     bpy.ops.ed.undo_push(message="mixed")
@@ -317,3 +307,67 @@ def test_undoing_brings_factors_lamps_and_the_picture_back(rendered: Any) -> Non
     assert light_mix.factors_of(scene)["Key"] == light_mix.NEUTRAL
     assert light_mix_picture.image_of(scene, scene.view_layers[0]) is None
     assert space.image == bpy.data.images["Render Result"]
+
+
+@pytest.fixture
+def while_it_renders(scene: Any, passes: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Renders, and calls a function after the first picture; what comes then is twice as bright."""
+    import bpy
+
+    def render(work: Any) -> None:
+        fake = FakeEngine(monkeypatch)
+        fake.pictures = dict(passes)
+
+        def during(_fake: FakeEngine) -> None:
+            work()
+            fake.pictures = {name: image * np.float32(2.0) for name, image in passes.items()}
+            fake.pictures["Combined"][..., 3] = 1.0
+
+        fake.during_render = during
+        bpy.ops.render.render()
+
+    return render
+
+
+def test_a_change_while_it_renders_changes_what_there_is_so_far(while_it_renders: Any, scene: Any, passes: Any) -> None:
+    """At once, in the editor that shows the render; and the finished picture has the same mix."""
+    import bpy
+
+    expected = passes["Combined"][..., :3] - passes["Combined_Key"]
+    seen = []
+
+    def work() -> None:
+        space = image_editor(bpy.data.images["Render Result"])
+        assert light_mix_picture.rendered_groups(scene) == GROUPS
+        scene.neuralguide.light_mix["Key"].is_on = False
+        seen.append(shown(scene)[..., :3])
+        assert space.image == light_mix_picture.image_of(scene, scene.view_layers[0])
+
+    while_it_renders(work)
+    np.testing.assert_allclose(seen[0], expected, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(shown(scene)[..., :3], 2.0 * expected, rtol=1e-4, atol=1e-5)
+
+
+def test_the_mix_that_there_is_shows_the_first_samples(while_it_renders: Any, scene: Any, passes: Any) -> None:
+    light_mix.add_missing(scene, GROUPS)
+    scene.neuralguide.light_mix["Sky"].strength = 3.0
+    seen: list[np.ndarray] = []
+    while_it_renders(lambda: seen.append(shown(scene)[..., :3]))
+    expected = passes["Combined"][..., :3] + 2.0 * passes["Combined_Sky"]
+    np.testing.assert_allclose(seen[0], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_what_is_written_back_while_it_renders_is_not_taken_for_rendered(
+    while_it_renders: Any, scene: Any, passes: Any
+) -> None:
+    """The lamps were read before: the finished picture still needs the factor that is in them now."""
+    import bpy
+
+    def work() -> None:
+        scene.neuralguide.light_mix["Key"].strength = 3.0
+        assert bpy.ops.neuralguide.write_light_mix() == {"FINISHED"}
+
+    while_it_renders(work)
+    assert light_mix.factors_of(scene)["Key"] == light_mix.NEUTRAL
+    expected = 2.0 * (passes["Combined"][..., :3] + 2.0 * passes["Combined_Key"])
+    np.testing.assert_allclose(shown(scene)[..., :3], expected, rtol=1e-4, atol=1e-5)

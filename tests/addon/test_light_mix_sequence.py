@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,28 +15,9 @@ import pytest
 from addon import light_mix
 from benchmarks.images import read_exr
 from engine.denoise import library
-from tests.helpers.light_groups import keyframe
+from tests.helpers.light_groups import KEY, ODD, ROOM_GROUPS, keyframe, write_frame
 
 bpy = pytest.importorskip("bpy")
-
-SIZE = (6, 9)
-KEY, ODD = "Key", "Küche & Bad (2)"
-GROUPS = (KEY, ODD)
-
-
-def write_frame(path: Path, seed: int, groups: Sequence[str] = GROUPS, mix: Any = None, **other: str) -> None:
-    """A frame of light in groups and in none."""
-    rng = np.random.default_rng(seed)
-    lights = {group: rng.random((3, *SIZE), np.float32) for group in groups}
-    picture = sum(lights.values(), np.full((3, *SIZE), 0.5, np.float32))
-    channels = {"ViewLayer.Index.X": np.full(SIZE, seed, np.float32), "ViewLayer.Combined.A": np.ones(SIZE, np.float32)}
-    for name, planes in [("Combined", picture), *((f"Combined_{group}", light) for group, light in lights.items())]:
-        channels |= {f"ViewLayer.{name}.{letter}": plane for letter, plane in zip("RGB", planes, strict=True)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "Scene": "Room", **other}
-    if mix is not None:
-        header[light_mix.FIELD] = mix if isinstance(mix, str) else json.dumps(mix)
-    with OpenEXR.File(header, channels) as file:
-        file.write(str(path))
 
 
 @pytest.fixture
@@ -51,7 +31,7 @@ def frames(tmp_path: Path) -> list[Path]:
 @pytest.fixture
 def scene(blender: Any) -> Any:
     """A scene with a factor for each group."""
-    light_mix.add_missing(blender.context.scene, GROUPS)
+    light_mix.add_missing(blender.context.scene, ROOM_GROUPS)
     return blender.context.scene
 
 

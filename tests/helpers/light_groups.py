@@ -1,9 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene whose light is in groups. Needs bpy."""
+"""A scene whose light is in groups, which needs bpy, and files that have light groups."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+import OpenEXR
+
+#: Pixels of `write_frame`, height and width, and its light groups.
+SIZE = (6, 9)
+KEY, ODD = "Key", "Küche & Bad (2)"
+ROOM_GROUPS = (KEY, ODD)
 
 
 def grouped(scene: Any) -> None:
@@ -36,3 +47,20 @@ def keyframe(scene: Any, group: str, strengths: dict[int, float]) -> None:
     for curve in curves:
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
+
+
+def write_frame(path: Path, seed: int, groups: Sequence[str] = ROOM_GROUPS, mix: Any = None, **other: Any) -> None:
+    """Write a frame of light in groups and in none; `mix` is what its metadata says."""
+    from addon.light_mix import FIELD
+
+    rng = np.random.default_rng(seed)
+    lights = {group: rng.random((3, *SIZE), np.float32) for group in groups}
+    picture = sum(lights.values(), np.full((3, *SIZE), 0.5, np.float32))
+    channels = {"ViewLayer.Index.X": np.full(SIZE, seed, np.float32), "ViewLayer.Combined.A": np.ones(SIZE, np.float32)}
+    for name, planes in [("Combined", picture), *((f"Combined_{group}", light) for group, light in lights.items())]:
+        channels |= {f"ViewLayer.{name}.{letter}": plane for letter, plane in zip("RGB", planes, strict=True)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "Scene": "Room", **other}
+    if mix is not None:
+        header[FIELD] = mix if isinstance(mix, str) else json.dumps(mix)
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))

@@ -18,6 +18,7 @@ from addon.viewport import window_view  # noqa: E402
 from engine.viewport.protocol import DEAD, DONE, Status  # noqa: E402
 from engine.viewport.view import Update  # noqa: E402
 from tests.helpers.blender_scenes import displacing_material  # noqa: E402
+from tests.helpers.panel_layout import Layout  # noqa: E402
 
 
 class FakeProcess:
@@ -442,3 +443,58 @@ def test_a_window_that_changes_its_size_is_left_alone_meanwhile(
     monkeypatch.setattr(window_view.time, "monotonic", lambda: now() + 1.0)
     (update,) = window.draw()
     assert update.view.width == 120
+
+
+def test_factors_of_light_groups_are_sent_once_one_is_not_1(window: Window) -> None:
+    """Alone: nothing else is sent with them, and nothing restarts."""
+    from addon import light_mix
+
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    layer.lightgroups.add(name="Key")
+    bpy.data.objects["Light"].lightgroup = "Key"
+    scene.update_tag()
+    window.draw(touched(scene), touched(bpy.data.objects["Light"], "g"))
+    assert window.view.host.scene is not None and window.view.host.scene.light_groups == ("Key",)
+    light_mix.add_missing(scene, ["Key"])
+    assert window.draw(touched(scene)) == []
+    entry = scene.neuralguide.light_mix["Key"]
+    entry.strength = 2.0
+    assert window.draw(touched(scene)) == [Update(mix={"Key": (2.0, 2.0, 2.0)})]
+    entry.strength = 1.0
+    assert window.draw() == [Update(mix={"Key": (1.0, 1.0, 1.0)})]
+    entry.is_on = False
+    assert window.draw() == [Update(mix={"Key": (0.0, 0.0, 0.0)})]
+    scene.neuralguide.use_light_mix = False
+    assert window.draw() == [Update(mix={"Key": (1.0, 1.0, 1.0)})]
+
+
+def test_a_factor_that_makes_no_sense_is_said(window: Window) -> None:
+    from addon import light_mix
+
+    scene = bpy.context.scene
+    bpy.context.view_layer.lightgroups.add(name="Key")
+    light_mix.add_missing(scene, ["Key"])
+    scene.neuralguide.light_mix["Key"].strength = 3e38
+    scene.neuralguide.light_mix["Key"].color = (9.0, 1.0, 1.0)
+    assert all(update.mix is None for update in window.draw())
+    assert "light group Key: the factor 2.7e+39, 3e+38, 3e+38 is NaN or too large" in window.view.text
+
+
+def test_the_panel_of_a_window_has_a_factor_for_each_group(window: Window) -> None:
+    from addon.light_mix_panel import NEURALGUIDE_PT_view_light_mix as panel
+
+    window.space.shading.type = "RENDERED"
+    bpy.context.view_layer.lightgroups.add(name="Key")
+    context = SimpleNamespace(
+        engine="NEURALGUIDE", space_data=window.space, scene=bpy.context.scene, view_layer=bpy.context.view_layer
+    )
+    assert panel.poll(context)
+    layout = Layout()
+    panel.draw(SimpleNamespace(layout=layout), context)
+    assert layout.operators == ["neuralguide.add_light_mix"]
+    assert bpy.ops.neuralguide.add_light_mix() == {"FINISHED"}
+    layout = Layout()
+    panel.draw(SimpleNamespace(layout=layout), context)
+    assert "Key" in layout.texts and layout.operators == ["neuralguide.reset_light_mix", "neuralguide.write_light_mix"]
+    window.space.shading.type = "SOLID"
+    assert not panel.poll(context)

@@ -18,8 +18,9 @@ import pytest
 
 from engine.denoise import library
 from engine.processes import memory as memory_module
+from engine.scene.description import SceneDescription
 from engine.viewport.handle import ViewProcess
-from engine.viewport.protocol import DEAD, FAILED, PAUSED, RENDERING
+from engine.viewport.protocol import DEAD, DONE, FAILED, PAUSED, RENDERING, ViewImage
 from engine.viewport.view import Update
 from tests.helpers.media_scenes import media_scene, medium, placed
 from tests.helpers.seeded_renders import Z_LIMIT, z_score
@@ -150,6 +151,66 @@ def test_a_view_is_denoised(process: ViewProcess) -> None:
         pixels = result_of(process).pixels[..., 0]
         spread[is_denoised] = np.abs(np.diff(pixels, axis=1)).mean() / pixels.mean()
     assert spread[True] < 0.5 * spread[False], process.status
+
+
+def grouped_floor() -> SceneDescription:
+    """A white floor under three suns: one in each of two groups, and one in none."""
+    suns = [replace(sun(strength), key=("sun", index)) for index, strength in enumerate((2.0, 1.0, 0.5))]
+    suns[0].light_group, suns[1].light_group = 0, 1
+    return replace(floor_scene(lights=suns), light_groups=("Key", "Fill"))
+
+
+def next_picture(process: ViewProcess, states: set[str]) -> np.ndarray:
+    """What is shown by the last update, and the states that the process has had until then."""
+    images: list[ViewImage] = []
+
+    def is_shown() -> bool:
+        states.add(process.status.state)
+        image = process.read_image()
+        images.extend([] if image is None else [image])
+        return bool(images) and images[-1].update == process.sent
+
+    wait_for(process, is_shown)
+    return images[-1].pixels[..., :3]
+
+
+def test_light_groups_are_mixed_without_another_render(process: ViewProcess) -> None:
+    """The first factors have groups kept; from then on the same samples are shown by others."""
+    ones = {"Key": (1.0, 1.0, 1.0), "Fill": (1.0, 1.0, 1.0)}
+    process.send(whole(grouped_floor()))
+    plain = result_of(process).pixels[..., :3]
+    process.send(Update(mix=ones | {"Key": (3.0, 1.0, 0.0)}))
+    colored = result_of(process).pixels[..., :3]
+    key = 0.5 * (colored[..., 0] - plain[..., 0])
+    assert key.mean() == pytest.approx(2.0 / (2.0 * np.pi), rel=0.1)
+    assert np.allclose(colored[..., 1], plain[..., 1], rtol=1e-5)
+    assert np.allclose(colored[..., 2], plain[..., 2] - key, atol=1e-5)
+    states: set[str] = set()
+    process.send(Update(mix={"Key": (0.0, 0.0, 0.0), "Fill": (2.0, 2.0, 2.0)}))
+    fill = next_picture(process, states)[..., 0] - plain[..., 0] + key
+    assert fill.mean() == pytest.approx(1.0 / (2.0 * np.pi), rel=0.1)
+    process.send(Update(mix=ones | {"Gone": (5.0, 5.0, 5.0)}))
+    assert np.allclose(next_picture(process, states), plain, rtol=1e-5)
+    assert states == {DONE}, "no samples are traced again"
+
+
+def test_light_groups_are_mixed_while_a_view_renders(process: ViewProcess) -> None:
+    """Without a restart: samples of a pixel only get more."""
+    scene, settings = grouped_floor(), replace(SETTINGS, samples=1 << 16)
+    process.send(replace(whole(scene, settings), mix={"Key": (2.0,) * 3, "Fill": (1.0,) * 3}))
+    wait_for(process, lambda: process.status.update == process.sent and process.status.sample > 8)
+    counts = [process.status.sample]
+    for strength in (0.0, 4.0):
+        process.send(Update(mix={"Key": (strength,) * 3, "Fill": (1.0,) * 3}))
+        states: set[str] = set()
+        mean = next_picture(process, states).mean()
+        assert states == {RENDERING}
+        assert mean == pytest.approx((1.5 + 2.0 * strength) / (2.0 * np.pi), rel=0.1)
+        process.poll()
+        counts.append(process.status.sample)
+    assert counts == sorted(counts) and counts[0] > 8
+    process.send(whole())
+    result_of(process)
 
 
 @posix

@@ -71,3 +71,11 @@ def test_two_updates_are_one() -> None:
     first = Update(view=view, settings=RenderSettings(samples=3))
     both = first.then(Update(settings=RenderSettings(samples=5), is_paused=False))
     assert both.view is view and both.settings.samples == 5 and both.is_paused is False and both.scene is None
+
+
+def test_factors_alone_are_told_from_all_else() -> None:
+    mix = Update(mix={"Key": (2.0, 2.0, 2.0)})
+    assert mix.is_mix_alone and not mix.is_empty
+    assert mix.then(Update(mix={"Key": (1.0, 1.0, 1.0)})) == Update(mix={"Key": (1.0, 1.0, 1.0)})
+    assert not mix.then(Update(is_paused=True)).is_mix_alone
+    assert not Update().is_mix_alone and not Update(is_paused=False).is_mix_alone
