@@ -19,6 +19,7 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
 from engine.state.photons import (
+    GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_EMITTED,
     MAP_EXPECTED,
@@ -35,7 +36,7 @@ from engine.state.photons import (
 )
 
 #: Photons for each path that goes by their map, and least and most of a map.
-_PHOTONS_PER_PATH = 0.25
+_PHOTONS_PER_PATH = 1.0
 _FEWEST, _MOST = 1 << 12, 1 << 19
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
@@ -250,7 +251,8 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     numbers = np.zeros(MAP_NUMBERS, np.float32)
     disc = math.pi * radius * radius
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
-    numbers[MAP_SCALE], numbers[MAP_EXPECTED] = 1.0 / (emitted * disc), emitted * disc
+    numbers[MAP_EXPECTED] = emitted * disc / GATHERED_ONE_IN
+    numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
     header[MAP_BUCKETS], header[MAP_EMITTED] = buckets, emitted
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)

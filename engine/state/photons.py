@@ -24,6 +24,10 @@ PHOTON_GLOSSY = _photon.take()  # those that reflected it
 #: A cache line of float32.
 PHOTON_WIDTH = _photon.width(16)
 
+#: Of the photons in a disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a pixel, go
+#: by others, so that noise has no blotches.
+GATHERED_ONE_IN = 4
+
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_EMITTED = 1  # photons that have begun
@@ -33,9 +37,9 @@ MAP_HEADER_WIDTH = 3
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
 MAP_INVERSE_CELL = 1  # of the grid [m^-1]
-#: 1 / (photons that have begun x area of the disc) [m^-2]
+#: 1 / (photons that have begun, of which a path gathers, x area of the disc) [m^-2]
 MAP_SCALE = 2
-#: Photons that have begun times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
+#: Such photons times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
 MAP_EXPECTED = 3
 MAP_NUMBERS = 4
 

@@ -19,6 +19,7 @@ from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance
+from engine.kernels.rng import hash_combine
 from engine.kernels.vector import dot, load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -33,6 +34,7 @@ from engine.state.lanes import (
     RAY_TRANSPARENT,
 )
 from engine.state.photons import (
+    GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_INVERSE_CELL,
     MAP_IS_TRIED,
@@ -50,6 +52,7 @@ from engine.state.photons import (
 
 #: Cosine between normals from which on a photon has arrived at the same surface.
 _SAME_SURFACE = np.float32(0.5)
+_SUBSET_SEED = np.uint32(0x3C6EF372)
 #: How far off the plane of a surface its photons are, over the radius.
 _FLATNESS = np.float32(0.3)
 
@@ -88,13 +91,16 @@ def _gather(scene, work, lane):
     if is_tried and work.photons.tried[paths.pixel[lane], 2] == 0.0:
         work.photons.tried[paths.pixel[lane], 2] = points.real[lane, POINT_RADIUS]
     mask = grid.header[MAP_BUCKETS] - 1
+    hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
+    chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % GATHERED_ONE_IN
     # Cells are twice as wide as the disc: eight hold it.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
     sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for corner in range(8):
         x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
         bucket = bucket_of(x, y, z, mask)
-        for row in range(grid.starts[bucket], grid.starts[bucket + 1]):
+        first, last = np.int64(grid.starts[bucket]), np.int64(grid.starts[bucket + 1])
+        for row in range(first + (chosen - first) % GATHERED_ONE_IN, last, GATHERED_ONE_IN):
             q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
             dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
             if dx * dx + dy * dy + dz * dz > squared:
