@@ -212,7 +212,8 @@ def bake_settings(settings: RenderSettings, picture: BakePicture) -> RenderSetti
     if picture.is_lit:
         return settings
     return dataclasses.replace(
-        settings, guiding_method="OFF", radiance_cache="OFF", spectral="OFF", use_denoising=False, strata=0
+        settings, guiding_method="OFF", radiance_cache="OFF", spectral="OFF", caustics="PATHS", use_denoising=False,
+        strata=0,
     )
 
 

@@ -27,7 +27,7 @@ def stroke_settings(settings: RenderSettings) -> RenderSettings:
     """Settings for strokes: they glow in flat colours, so that there is nothing to learn, nor noise."""
     return dataclasses.replace(
         settings, guiding_method="OFF", radiance_cache="OFF", use_denoising=False, denoised_threshold=0.0,
-        time_limit=0.0, spectral="OFF",
+        time_limit=0.0, spectral="OFF", caustics="PATHS",
     )
 
 

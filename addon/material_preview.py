@@ -32,7 +32,7 @@ def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
     settings = render_settings(scene)
     return dataclasses.replace(
         settings, samples=min(settings.samples, _SAMPLES), time_limit=0.0, strata=0, guiding_method="OFF",
-        radiance_cache="OFF", spectral="OFF",
+        radiance_cache="OFF", spectral="OFF", caustics="PATHS",
     )  # fmt: skip
 
 

@@ -49,6 +49,7 @@ def preview_settings(scene: bpy.types.Scene) -> RenderSettings:
     return replace(
         settings, **own, samples=min(samples, _ENDLESS_SAMPLES), time_limit=0.0, denoised_threshold=0.0, strata=0,
         guiding_method=_method(settings.guiding_method, samples), radiance_cache=_cache(settings.radiance_cache),
+        caustics=_caustics(settings.caustics),
     )  # fmt: skip
 
 
@@ -63,6 +64,11 @@ def _method(name: str, samples: int) -> str:
         return "OFF"
     source = METHODS[name].source
     return source if source and not SOURCES[source].is_network else "VMM"
+
+
+def _caustics(kind: str) -> str:
+    """So does a trial of photons, which keeps the first picture waiting."""
+    return "PATHS" if kind == "AUTO" else kind
 
 
 def _cache(kind: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.builder.environment import empty_map
+from engine.scene.content import Kept
 from engine.shaders.compiled_program import CompiledProgram
 from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
@@ -35,16 +36,14 @@ _MOST_LEVELS = 6
 _GROUPS = 256
 
 
-def build_casters(
-    geometry: GeometryArrays, programs: Sequence[CompiledProgram], lights: LightArrays
-) -> CasterArrays:
+def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: LightArrays) -> CasterArrays:
     """The triangles of all smooth surfaces that stand still, by their areas in the world.
 
     Parameters
     ----------
     geometry : GeometryArrays
-    programs : sequence of CompiledProgram
-        By program; `is_smooth` says which have delta lobes.
+    programs : sequence of bool
+        By program, whether it has delta lobes (`CompiledProgram.is_smooth`).
     lights : LightArrays
 
     Returns
@@ -52,7 +51,7 @@ def build_casters(
     CasterArrays
         Without triangles where there is no such surface.
     """
-    is_smooth = np.array([program.is_smooth for program in programs], np.uint8)
+    is_smooth = np.array(programs, np.uint8)
     table, meshes = geometry.instance_table, geometry.mesh_table
     if not is_smooth.any() or not len(table):
         return no_casters(lights)
@@ -96,7 +95,7 @@ def build_casters(
         first_piece=first_piece.astype(np.int32), level=level.astype(np.int32), row=row.astype(np.int32),
         group=_groups(np.concatenate(middles)[row], level[row]),
         area=(area / 4.0**level)[row].astype(np.float32),
-        instances=(np.where(stands, MAY_GATHER, 0) | casts).astype(np.uint8), lights=_by_the_tree(lights),
+        instances=(np.where(stands, MAY_GATHER, 0) | casts).astype(np.uint8), lights=lights,
     )  # fmt: skip
 
 
@@ -140,9 +139,38 @@ def _groups(middles: np.ndarray, level: np.ndarray) -> np.ndarray:
     return np.unique(groups, return_inverse=True)[1].reshape(-1).astype(np.int32)
 
 
-def _by_the_tree(lights: LightArrays) -> LightArrays:
-    """Lights of which every part is sampled, the dim ones of the background too: scattering finds nothing there."""
+class KeptCasters:
+    """Casters that are at hand while geometry and materials are the same."""
+
+    def __init__(self) -> None:
+        self._kept: Kept[CasterArrays] = Kept()
+
+    def get(
+        self, version: int, geometry: GeometryArrays, programs: Sequence[CompiledProgram], lights: LightArrays, *,
+        is_wanted: bool,
+    ) -> CasterArrays:
+        """Where photons may begin; nowhere unless they are wanted.
+
+        Parameters
+        ----------
+        version : int
+            Of the geometry: another one for another.
+        """
+        if not is_wanted:
+            self._kept.drop()
+            return no_casters(lights)
+        is_smooth = tuple(program.is_smooth for program in programs)
+        casters = self._kept.get((version, is_smooth), lambda: build_casters(geometry, is_smooth, lights))
+        return _with_lights(casters, lights)
+
+
+def _with_lights(casters: CasterArrays, lights: LightArrays) -> CasterArrays:
+    """The casters with these lights, of which every part is sampled: scattering finds nothing that photons leave to it.
+    """
     none = empty_map()
-    return lights._replace(
-        compensated_marginal=none.marginal, compensated_conditional=none.conditional, compensated_guide=none.guide
+    return casters._replace(
+        lights=lights._replace(
+            compensated_marginal=none.marginal, compensated_conditional=none.conditional,
+            compensated_guide=none.guide,
+        )
     )

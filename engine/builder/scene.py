@@ -19,7 +19,7 @@ from engine.builder.blockers import find_blockers
 from engine.builder.boundaries import separate_boundaries, touching_boundaries
 from engine.builder.camera import build_camera
 from engine.builder.camera_spaces import camera_matrices
-from engine.builder.casters import build_casters
+from engine.builder.casters import KeptCasters
 from engine.builder.displacement import KeptDisplacements, displace_meshes
 from engine.builder.emission import ProgramInfo
 from engine.builder.environment import EnvironmentMap, build_environment_map, without_discs
@@ -135,6 +135,7 @@ class SceneCache:
         self.environment: Kept[EnvironmentMap | None] = Kept()
         self.lights: Kept[tuple[LightArrays, list[Notice]]] = Kept()
         self.camera: Kept[CameraArrays] = Kept()
+        self.casters = KeptCasters()
 
     def give_up(self, meshes: Sequence[Mesh]) -> None:
         """Free the arrays of the newest description's meshes (`GeometryCache.give_up`), and what was made of them."""
@@ -461,7 +462,9 @@ def build_scene(
         media=media,
         accelerator=accelerator,
         local_scenes=_build_local_scenes(cache, geometry, shaders),
-        casters=build_casters(geometry, cache.programs.compiled, lights),
+        casters=cache.casters.get(
+            cache.geometry.geometry.version, geometry, cache.programs.compiled, lights, is_wanted=settings.traces_photons
+        ),
         world_program=programs.world_program,
         **_facts(cache, geometry, shaders),
         has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),

@@ -67,7 +67,7 @@ class PhotonTracing:
         """Be ready for a render: with photons if the settings ask for them."""
         self._region, self._seed = scene.description.frame.region, settings.seed
         self.maps = None
-        if settings.traces_photons:
+        if settings.traces_photons and len(scene.casters.area):
             x0, y0, x1, y1 = self._region
             # Where Filter Glossy blurs what it may, the picture would depend on the trial.
             is_tried = settings.caustics == "AUTO" and not settings.filter_glossy > 0.0

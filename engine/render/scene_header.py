@@ -82,7 +82,7 @@ def scene_header(scene: Scene, settings: RenderSettings) -> Int64Array:
     numbers[SCENE_SHIFTS_SHADING] = (scene.geometry.instance_values[:, VALUE_SHADING_OFFSET] > 0.0).any()
     numbers[SCENE_SHORTENS] = scene.description.fast_gi.bounces > 0
     numbers[SCENE_ADDS_LIGHT] = scene.description.fast_gi.added != 0.0
-    numbers[SCENE_HAS_PHOTONS] = settings.traces_photons
+    numbers[SCENE_HAS_PHOTONS] = settings.traces_photons and len(scene.casters.area) > 0
     numbers[SCENE_BAKES] = scene.description.bake is not None
     return numbers
 
