@@ -8,8 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.builder.environment import empty_map
+from engine.builder.geometry import GeometryCache
 from engine.scene.content import Kept
-from engine.shaders.compiled_program import CompiledProgram
+from engine.settings import RenderSettings
+from engine.shaders.program_cache import ProgramCache
 from engine.state.geometry import (
     INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_CATCHER,
@@ -146,22 +148,22 @@ class KeptCasters:
         self._kept: Kept[CasterArrays] = Kept()
 
     def get(
-        self, version: int, geometry: GeometryArrays, programs: Sequence[CompiledProgram], lights: LightArrays, *,
-        is_wanted: bool,
+        self, meshes: GeometryCache, programs: ProgramCache, geometry: GeometryArrays, lights: LightArrays,
+        settings: RenderSettings,
     ) -> CasterArrays:
-        """Where photons may begin; nowhere unless they are wanted.
+        """Where photons may begin; nowhere unless the settings ask for some.
 
         Parameters
         ----------
-        version : int
-            Of the geometry: another one for another.
+        meshes, programs
+            Of which geometry and materials were made.
         """
-        if not is_wanted:
+        if not settings.traces_photons:
             self._kept.drop()
             return no_casters(lights)
-        is_smooth = tuple(program.is_smooth for program in programs)
-        casters = self._kept.get((version, is_smooth), lambda: build_casters(geometry, is_smooth, lights))
-        return _with_lights(casters, lights)
+        is_smooth = tuple(program.is_smooth for program in programs.compiled)
+        key = meshes.geometry.version, is_smooth
+        return _with_lights(self._kept.get(key, lambda: build_casters(geometry, is_smooth, lights)), lights)
 
 
 def _with_lights(casters: CasterArrays, lights: LightArrays) -> CasterArrays:

@@ -462,9 +462,7 @@ def build_scene(
         media=media,
         accelerator=accelerator,
         local_scenes=_build_local_scenes(cache, geometry, shaders),
-        casters=cache.casters.get(
-            cache.geometry.geometry.version, geometry, cache.programs.compiled, lights, is_wanted=settings.traces_photons
-        ),
+        casters=cache.casters.get(cache.geometry, cache.programs, geometry, lights, settings),
         world_program=programs.world_program,
         **_facts(cache, geometry, shaders),
         has_transparent_shadows=bool((masks & MASK_SHADOW_TRANSPARENT).any()),

@@ -13,6 +13,7 @@ from engine.builder.scene import Scene
 from engine.render.batch import Batch
 from engine.render.photon_maps import NO_PHOTONS, PhotonMaps
 from engine.render.photon_trial import TracePixels, photons_pay, pixel_radius
+from engine.render.scene_header import has_photons
 from engine.runtime.jit import BoundKernel, in_python
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, PhotonMap
@@ -67,7 +68,7 @@ class PhotonTracing:
         """Be ready for a render: with photons if the settings ask for them."""
         self._region, self._seed = scene.description.frame.region, settings.seed
         self.maps = None
-        if settings.traces_photons and len(scene.casters.area):
+        if has_photons(scene, settings):
             x0, y0, x1, y1 = self._region
             # Where Filter Glossy blurs what it may, the picture would depend on the trial.
             is_tried = settings.caustics == "AUTO" and not settings.filter_glossy > 0.0

@@ -14,6 +14,7 @@ from engine.guiding.sources.sequence import with_sequence_u
 from engine.render.film import DENOISING_PASSES, Film, film_layout
 from engine.render.light_passes import asks_for_groups
 from engine.render.request import RenderRequest
+from engine.render.scene_header import has_photons
 from engine.render.strata import are_learned, strata_count
 from engine.scene.description import Frame, Notice, SceneDescription
 from engine.settings import RenderSettings
@@ -116,8 +117,8 @@ def resolve(
 
 def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
     """Why photons find nothing in a scene, or are not at home in it; '' where they do."""
-    if not len(scene.casters.area) or not settings.use_nee:
-        return "have nothing to go over"
+    if not has_photons(scene, settings):
+        return "have nothing to go over, or no lamp to come from"
     if not (settings.use_caustics_reflective or settings.use_caustics_refractive):
         return "are not asked for: caustics are off"
     if settings.caustics == "AUTO" and settings.filter_glossy > 0.0 and not scene.description.asks_for_caustics:

@@ -56,6 +56,12 @@ def _world_is_constant(scene: Scene) -> bool:
     return scene.world_program < 0 or bool(facts & PROGRAM_EMISSION_CONSTANT and not facts & PROGRAM_HAS_AOVS)
 
 
+def has_photons(scene: Scene, settings: RenderSettings) -> bool:
+    """Whether photons are asked for, and there is something that they begin at, and somebody who sends them."""
+    is_lit = settings.use_nee and int(scene.lights.header[HEADER_EMITTERS]) > 0
+    return settings.traces_photons and is_lit and len(scene.casters.area) > 0
+
+
 def scene_header(scene: Scene, settings: RenderSettings) -> Int64Array:
     """`SceneView.header`: int64 (SCENE_HEADER_WIDTH,)."""
     lights, media, world = scene.lights.header, scene.media, scene.description.world
@@ -82,7 +88,7 @@ def scene_header(scene: Scene, settings: RenderSettings) -> Int64Array:
     numbers[SCENE_SHIFTS_SHADING] = (scene.geometry.instance_values[:, VALUE_SHADING_OFFSET] > 0.0).any()
     numbers[SCENE_SHORTENS] = scene.description.fast_gi.bounces > 0
     numbers[SCENE_ADDS_LIGHT] = scene.description.fast_gi.added != 0.0
-    numbers[SCENE_HAS_PHOTONS] = settings.traces_photons and len(scene.casters.area) > 0
+    numbers[SCENE_HAS_PHOTONS] = has_photons(scene, settings)
     numbers[SCENE_BAKES] = scene.description.bake is not None
     return numbers
 

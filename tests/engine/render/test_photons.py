@@ -9,6 +9,7 @@ import pytest
 from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
+from engine.scene.description import World
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
 from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
@@ -118,6 +119,16 @@ def test_filter_glossy_leaves_smooth_surfaces_to_photons_and_automatic_leaves_th
     assert sharp.passes["Combined"].mean() == pytest.approx(expected.passes["Combined"].mean(), rel=0.03)
     blurred = [render(mirror_scene(), caustics=caustics, **settings) for caustics in ("AUTO", "PATHS")]
     np.testing.assert_array_equal(blurred[0].passes["Combined"], blurred[1].passes["Combined"])
+
+
+@pytest.mark.parametrize("caustics", ["PHOTONS", "AUTO"])
+def test_a_scene_without_lamps_has_no_photons(caustics: str) -> None:
+    """Stages that sample lights are not there either."""
+    scene = mirror_scene()
+    scene.lights = []
+    scene.world = World("world", "World", None, (1.0, 1.0, 1.0))
+    picture = render(scene, samples=4, caustics=caustics).passes["Combined"]
+    np.testing.assert_array_equal(picture, render(scene, samples=4, caustics="PATHS").passes["Combined"])
 
 
 def test_what_photons_do_not_know_is_said() -> None:
