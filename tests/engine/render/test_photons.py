@@ -73,6 +73,13 @@ def test_water_is_as_bright_as_by_paths() -> None:
     assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.02)
 
 
+@pytest.mark.parametrize("learned", [{"guiding_method": "VMM"}, {"radiance_cache": "CONVERGING"}])
+def test_what_is_learned_changes_no_mean(learned: dict[str, str]) -> None:
+    scene = water_scene()
+    guided = pictures(scene, range(2), samples=128, **learned)
+    assert guided.mean() == pytest.approx(pictures(scene, range(2), samples=256, caustics="PATHS").mean(), rel=0.02)
+
+
 def test_photons_make_less_noise_where_the_lamp_is_small() -> None:
     by_photons, by_paths = (
         pictures(water_scene(0.3), range(2), samples=32, caustics=caustics) for caustics in ("PHOTONS", "PATHS")
