@@ -42,6 +42,7 @@ class NEURALGUIDE_PT_sampling(RenderPanel, bpy.types.Panel):  # noqa: N801 (Blen
             if not settings.use_cycles_settings:
                 column.operator("neuralguide.copy_cycles_settings")
         column.prop(settings, "spectral")
+        column.prop(settings, "caustics")
 
 
 class NEURALGUIDE_PT_sampling_viewport(RenderPanel, bpy.types.Panel):  # noqa: N801

@@ -45,7 +45,8 @@ def documented_commands() -> list[str]:
 
 
 COMMANDS = documented_commands()
-OF_PYTHON = [command for command in COMMANDS if not command.startswith("make ")]
+#: Those of programs of ours, not of packages.
+OF_PYTHON = [command for command in COMMANDS if not command.startswith(("make ", "python -m pip "))]
 
 
 class Read(Exception):

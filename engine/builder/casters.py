@@ -10,6 +10,7 @@ import numpy as np
 from engine.builder.environment import empty_map
 from engine.builder.geometry import GeometryCache
 from engine.scene.content import Kept
+from engine.scene.description import VISIBLE_SHADOW
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
 from engine.state.geometry import (
@@ -61,7 +62,8 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     flags = table[:, INSTANCE_FLAGS]
     stands = (flags & INSTANCE_FLAG_MOVING == 0) & (of_mesh[:, MESH_MOTION] < 0)
     stands &= flags & (INSTANCE_FLAG_CATCHER | INSTANCE_FLAG_HOLDOUT) == 0
-    has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES) & (table[:, INSTANCE_VISIBILITY] != 0)
+    has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES)
+    has_faces &= table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0
     first_row = np.full(len(table), -1, np.int32)
     rows: list[np.ndarray] = []
     triangles: list[np.ndarray] = []
@@ -161,7 +163,8 @@ class KeptCasters:
         if not settings.traces_photons:
             self._kept.drop()
             return no_casters(lights)
-        is_smooth = tuple(program.is_smooth for program in programs.compiled)
+        # Through what lets shadow rays pass, or casts no shadow, light samples bring the light already.
+        is_smooth = tuple(program.is_smooth and not program.lets_through for program in programs.compiled)
         key = meshes.geometry.version, is_smooth
         return _with_lights(self._kept.get(key, lambda: build_casters(geometry, is_smooth, lights)), lights)
 

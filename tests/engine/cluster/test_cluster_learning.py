@@ -20,7 +20,7 @@ from engine.render.checkpointing import Checkpointing, CheckpointPlan
 from engine.render.session import Session
 from engine.runtime.source_version import source_version
 from engine.scene.description import Mesh
-from engine.scene.digest import scene_digest
+from engine.scene.digest import SceneDigest
 from engine.scene.rounds import ROUND, Rounds
 from engine.settings import RenderSettings
 from tests.helpers.fur_scenes import fur_on_skin
@@ -112,7 +112,7 @@ def test_the_picture_is_one_process_s(changes):
 @pytest.mark.parametrize("changes", [{"guiding_method": "VMM"}, {"guiding_method": "OFF", "roulette": "THROUGHPUT"}])
 def test_what_one_process_has_begun_goes_on_the_same(changes, tmp_path):
     settings = RenderSettings(threads=1, seed=3, samples=40, **changes)
-    plan = CheckpointPlan(tmp_path / "x", scene_digest(SCENE), settings.seed, keeps=True)
+    plan = CheckpointPlan(tmp_path / "x", SceneDigest(SCENE), settings.seed, keeps=True)
     notices = []
 
     def go_on(session):

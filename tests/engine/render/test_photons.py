@@ -9,7 +9,7 @@ import pytest
 from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
-from engine.scene.description import World
+from engine.scene.description import VISIBLE_SHADOW, World
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
 from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
@@ -126,6 +126,15 @@ def test_filter_glossy_leaves_smooth_surfaces_to_photons_and_automatic_leaves_th
     assert sharp.passes["Combined"].mean() == pytest.approx(expected.passes["Combined"].mean(), rel=0.03)
     blurred = [render(mirror_scene(), caustics=caustics, **settings) for caustics in ("AUTO", "PATHS")]
     np.testing.assert_array_equal(blurred[0].passes["Combined"], blurred[1].passes["Combined"])
+
+
+def test_what_casts_no_shadow_casts_no_caustics() -> None:
+    """Light samples go through it already."""
+    scene = water_scene()
+    scene.instances.visibility = scene.instances.visibility.copy()
+    scene.instances.visibility[1] &= ~VISIBLE_SHADOW
+    by_photons, by_paths = (render(scene, caustics=caustics).passes["Combined"] for caustics in ("PHOTONS", "PATHS"))
+    np.testing.assert_array_equal(by_photons, by_paths)
 
 
 @pytest.mark.parametrize("caustics", ["PHOTONS", "AUTO"])

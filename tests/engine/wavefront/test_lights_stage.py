@@ -28,6 +28,14 @@ from engine.state.lanes import (
 )
 from engine.state.lights import LightArrays
 from engine.state.media import LOBE_WIDTH, MEDIUM_WIDTH, MediaArrays, MediaLanes, allocate_media_lanes
+from engine.state.photons import (
+    CasterArrays,
+    PhotonLanes,
+    PhotonMap,
+    allocate_photon_lanes,
+    no_casters,
+    no_photons,
+)
 from engine.state.tracking import TrackedLanes, allocate_tracked_lanes, no_majorants
 from engine.wavefront.columns import SCENE_HEADER_WIDTH, UNIT_HEADER_WIDTH
 from engine.wavefront.options import IntegratorOptions, make_options
@@ -58,6 +66,8 @@ class _Scene(Bundle):
 
     header: np.ndarray
     lights: LightArrays
+    casters: CasterArrays
+    photons: PhotonMap
     media: MediaArrays
     spectrum: SpectralTables
     options: IntegratorOptions
@@ -72,6 +82,7 @@ class _Work(Bundle):
     features: FeatureLanes
     media: MediaLanes
     tracking: TrackedLanes
+    photons: PhotonLanes
 
 
 class _Unit(Bundle):
@@ -89,12 +100,12 @@ def _shade(lights: Any, paths: Any, **settings: Any) -> np.ndarray:
     )
     header = np.zeros(SCENE_HEADER_WIDTH, np.int64)
     options = make_options(RenderSettings(**settings), 1.0, 10.0, FastGi())
-    scene = _Scene(header, lights, media, no_spectral_tables(), options)
+    scene = _Scene(header, lights, no_casters(lights), no_photons(), media, no_spectral_tables(), options)
     queue = allocate_queue(count)
     queue.lanes[:], queue.count[0] = np.arange(count), count
     work = _Work(
         paths, np.zeros((count, 3), np.float32), allocate_light_pass_lanes(count, 3, 0), allocate_feature_lanes(1, 1),
-        allocate_media_lanes(0, 3), allocate_tracked_lanes(1, 3),
+        allocate_media_lanes(0, 3), allocate_tracked_lanes(1, 3), allocate_photon_lanes(1, 1, 1, 1),
     )
     shade_lights(scene, _Unit(np.zeros(UNIT_HEADER_WIDTH, np.int64), allocate_tile(1, 3)), work, queue)
     return paths.radiance.copy()
