@@ -118,12 +118,15 @@ def test_what_one_process_has_begun_goes_on_the_same(changes, tmp_path):
     def go_on(session):
         session.load(SCENE)
         session.checkpointing = Checkpointing(replace(plan, resumes=True, keeps=False), notices.append)
-        return session.render(passes=PASSES)
+        result = session.render(passes=PASSES)
+        session.checkpointing.close()
+        return result
 
     begun = Session(replace(settings, deterministic=True))
     begun.load(SCENE)
     begun.checkpointing = Checkpointing(plan, notices.append)
     begun.render(passes=PASSES, samples=16)
+    begun.checkpointing.close()
     wanted = go_on(begun)
     result = go_on(ClusterSession(settings, WorkersHere(3)))
     assert is_same(result, wanted) and not notices
