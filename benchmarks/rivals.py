@@ -33,7 +33,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "OFF-CONVERGING": {"guiding_method": "OFF", "radiance_cache": "CONVERGING"},
     "AUTO-FAST": {"guiding_method": "AUTO", "radiance_cache": "FAST"},
     # What scenes have without a setting of their own.
-    "AUTO-AUTO": {"guiding_method": "AUTO", "radiance_cache": "AUTO"},
+    "AUTO-AUTO": {"guiding_method": "AUTO", "radiance_cache": "AUTO", "caustics": "AUTO"},
     "AUTO-CONVERGING": {"guiding_method": "AUTO", "radiance_cache": "CONVERGING"},
     "NASG-RADIANCE": {"guiding_method": "NASG", "mixture_target": "RADIANCE"},
     "NASG-COSINE": {"guiding_method": "NASG", "mixture_target": "COSINE"},
@@ -301,7 +301,7 @@ def find_rival(name: str, settings: Mapping[str, Any] | None = None) -> Rival:
         raise ValueError(f"no rival {name!r}; there are: {', '.join(known)}, and each with {DENOISED}")
     settings |= VARIANTS.get(name, {})
     # Scenes may have another default.
-    chosen = {"guiding_method": name, "radiance_cache": "OFF"} | settings
+    chosen = {"guiding_method": name, "radiance_cache": "OFF", "caustics": "PATHS"} | settings
     unknown = chosen.keys() - RenderSettings.__dataclass_fields__.keys()
     if unknown:
         raise ValueError(f"no setting {', '.join(sorted(unknown))}")

@@ -140,9 +140,9 @@ def render_passes(scene: Any, path: Path) -> tuple[dict[str, np.ndarray], dict[s
 
 
 def render_both(scene: Any, folder: Path, samples: int) -> list[tuple[dict[str, np.ndarray], dict[str, str]]]:
-    """`render_passes` of our engine, unguided, and of Cycles, through a box filter."""
+    """`render_passes` of our engine, unguided and by paths alone, and of Cycles, through a box filter."""
     scene.neuralguide.samples = scene.cycles.samples = samples
-    scene.neuralguide.guiding_method = "OFF"
+    scene.neuralguide.guiding_method, scene.neuralguide.caustics = "OFF", "PATHS"
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
     scene.cycles.pixel_filter_type = "BOX"
     found = []

@@ -79,6 +79,8 @@ def _render(scene: Any, kind: str, samples: int, folder: Path) -> np.ndarray:
     """Float64 (12, 16, 4)."""
     scene.render.engine = kind
     scene.neuralguide.samples = scene.cycles.samples = samples
+    # So few of Cycles' paths find caustics that its picture has none.
+    scene.neuralguide.caustics = "PATHS"
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
     scene.cycles.pixel_filter_type = "BOX"
     images, _ = render_passes(scene, folder / f"{kind}.exr")
