@@ -132,7 +132,7 @@ def test_what_casts_no_shadow_casts_no_caustics() -> None:
     """Light samples go through it already."""
     scene = water_scene()
     scene.instances.visibility = scene.instances.visibility.copy()
-    scene.instances.visibility[1] &= ~VISIBLE_SHADOW
+    scene.instances.visibility[1] &= ~np.uint32(VISIBLE_SHADOW)
     by_photons, by_paths = (render(scene, caustics=caustics).passes["Combined"] for caustics in ("PHOTONS", "PATHS"))
     np.testing.assert_array_equal(by_photons, by_paths)
 
