@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from engine.builder.environment import empty_map
+from engine.builder.environment import sampled_whole
 from engine.builder.geometry import GeometryCache
 from engine.scene.content import Kept
 from engine.scene.description import VISIBLE_SHADOW
@@ -166,16 +166,6 @@ class KeptCasters:
         # Through what lets shadow rays pass, or casts no shadow, light samples bring the light already.
         is_smooth = tuple(program.is_smooth and not program.lets_through for program in programs.compiled)
         key = meshes.geometry.version, is_smooth
-        return _with_lights(self._kept.get(key, lambda: build_casters(geometry, is_smooth, lights)), lights)
-
-
-def _with_lights(casters: CasterArrays, lights: LightArrays) -> CasterArrays:
-    """The casters with these lights, of which every part is sampled: scattering finds nothing that photons leave to it.
-    """
-    none = empty_map()
-    return casters._replace(
-        lights=lights._replace(
-            compensated_marginal=none.marginal, compensated_conditional=none.conditional,
-            compensated_guide=none.guide,
-        )
-    )
+        casters = self._kept.get(key, lambda: build_casters(geometry, is_smooth, lights))
+        # Scattering finds nothing here that light samples leave to it.
+        return casters._replace(lights=sampled_whole(lights))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from engine.array_types import Float32Array, Int32Array
-from engine.state.lights import DISC_AXIS, DISC_ONE_MINUS_COS, DISC_WIDTH, MAP_GUIDE_SIZE
+from engine.state.lights import DISC_AXIS, DISC_ONE_MINUS_COS, DISC_WIDTH, MAP_GUIDE_SIZE, LightArrays
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,14 @@ def _bilinear_mass(values: np.ndarray) -> np.ndarray:
 def empty_map() -> EnvironmentMap:
     """A map of nothing: tables without rows."""
     return _with_guide(np.zeros((1, 2), np.float32), np.zeros((0, 1), np.float32), 0.0)
+
+
+def sampled_whole(lights: LightArrays) -> LightArrays:
+    """Lights of whose background light samples go to the dim parts too, since scattering does not find all of it."""
+    none = empty_map()
+    return lights._replace(
+        compensated_marginal=none.marginal, compensated_conditional=none.conditional, compensated_guide=none.guide
+    )
 
 
 def _cumulative(weights: np.ndarray) -> np.ndarray:

@@ -18,19 +18,13 @@ from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, FIRST_HAIR, HAS_EVAL, LA
 from engine.kernels.lights import Receiver, tree_of_ray
 from engine.kernels.vector import dot, load, negate
 from engine.runtime.jit import kernel
-from engine.state.photons import MAP_EXPECTED, MAP_RADIUS, MAY_GATHER
+from engine.state.photons import MAP_EXPECTED, MAY_GATHER
 
 #: Surfaces gather photons if a lobe of theirs is at least this rough, as a product of alphas. What is smoother shows
 #: single photons.
 _LEAST_ROUGH = np.float32(0.02**2)
 #: Bound on cosines by which is divided.
 LEAST_COSINE = np.float32(1e-4)
-
-
-@kernel
-def gathers(scene, closures, lane, instance):
-    """Whether a surface gathers photons, and there are some."""
-    return scene.photons.numbers[MAP_RADIUS] > 0.0 and may_gather(scene, closures, lane, instance)
 
 
 @kernel

@@ -21,7 +21,6 @@ from engine.kernels.hash_grid import sort_into_buckets
 from engine.state.photons import (
     GATHERED_ONE_IN,
     MAP_BUCKETS,
-    MAP_EMITTED,
     MAP_EXPECTED,
     MAP_HEADER_WIDTH,
     MAP_INVERSE_CELL,
@@ -254,7 +253,7 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     numbers[MAP_EXPECTED] = emitted * disc / GATHERED_ONE_IN
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
-    header[MAP_BUCKETS], header[MAP_EMITTED] = buckets, emitted
+    header[MAP_BUCKETS] = buckets
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
     in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)

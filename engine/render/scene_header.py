@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Int64Array
-from engine.builder.environment import empty_map
+from engine.builder.environment import sampled_whole
 from engine.builder.scene import Scene
 from engine.settings import RenderSettings
 from engine.state.geometry import VALUE_SHADING_OFFSET
@@ -100,7 +100,4 @@ def lights_of(scene: Scene) -> LightArrays:
     """
     if scene.description.fast_gi.bounces == 0:
         return scene.lights
-    none = empty_map()
-    return scene.lights._replace(
-        compensated_marginal=none.marginal, compensated_conditional=none.conditional, compensated_guide=none.guide
-    )
+    return sampled_whole(scene.lights)

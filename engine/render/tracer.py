@@ -23,6 +23,7 @@ from engine.guiding.models.predictors import unlearned_model
 from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
+from engine.render.photon_maps import NO_PHOTONS
 from engine.render.photon_tracing import PhotonTracing
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
@@ -36,7 +37,7 @@ from engine.state.camera import CAMERA_CLEAR, CAMERA_LENS_RADIUS
 from engine.state.film import PLAIN_LAYOUT, FilmLayout
 from engine.state.lanes import LANE_COUNT, RGB
 from engine.state.lights import no_selection
-from engine.state.photons import PhotonMap, no_photons
+from engine.state.photons import PhotonMap
 from engine.state.shaders import MODE_CLOSURES, MODE_NO_REFLECTIVE_CAUSTICS, MODE_NO_REFRACTIVE_CAUSTICS
 from engine.state.unit import ALL_STRATA, BRIDGE, CHALLENGER, CURRENT, PLAIN, Unit
 from engine.wavefront.columns import (
@@ -97,7 +98,7 @@ def _view_of(scene: Scene, settings: RenderSettings, layout: FilmLayout) -> Scen
         scene.camera.filter,
         tables_for(description.to_xyz) if settings.channel_count > RGB else no_spectral_tables(),
         scene.geometry, scene.shaders, scene.tables, lights_of(scene), scene.media.arrays,
-        build_data_view(scene, layout.data.options), scene.bake, scene.casters, no_photons(),
+        build_data_view(scene, layout.data.options), scene.bake, scene.casters, NO_PHOTONS,
         scene.local_scenes.handles, options,
     )  # fmt: skip
 
@@ -417,7 +418,9 @@ class Tracer:
         header[UNIT_SAMPLE_FIRST], header[UNIT_PATH_COUNT] = unit.sample_first, unit.path_count
         header[UNIT_STRATUM], header[UNIT_STRATA] = unit.stratum, unit.strata
         view = UnitView(header, unit.pixels, weights, batch.film)
-        scene = arm.view if photons is None else arm.view._replace(photons=photons)
+        view_of_arm = arm.view
+        if photons is not None and photons is not view_of_arm.photons:
+            view_of_arm = view_of_arm._replace(photons=photons)
         return (
-            stages, scene, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
+            stages, view_of_arm, view, batch.follow(arm), batch.predict_by(arm), batch.work, stop
         )  # fmt: skip

@@ -30,9 +30,8 @@ GATHERED_ONE_IN = 4
 
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
-MAP_EMITTED = 1  # photons that have begun
-MAP_IS_TRIED = 2  # `PhotonLanes.tried` is asked for
-MAP_HEADER_WIDTH = 3
+MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
+MAP_HEADER_WIDTH = 2
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map

@@ -13,7 +13,7 @@ import numpy as np
 from engine.kernels.bsdf import DIFFUSE_LOBES, eval_bsdf, share_lobes
 from engine.kernels.bsdf.evaluate import EVERY_KIND
 from engine.kernels.caster_pieces import piece_at
-from engine.kernels.caustics import LEAST_COSINE, expected_photons, gathers, ratio_at
+from engine.kernels.caustics import LEAST_COSINE, expected_photons, may_gather, ratio_at
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
@@ -156,6 +156,9 @@ def gather_photons(scene, unit, work, queue):
     queue : LaneQueue
         `work.surface`, shaded.
     """
+    if not scene.photons.numbers[MAP_RADIUS] > 0.0:
+        # They have been given up.
+        return
     paths, points, closures = work.paths, work.points, work.closures
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
@@ -165,7 +168,7 @@ def gather_photons(scene, unit, work, queue):
         ask_for_throughput(paths, ahead)
         ask_for_point(points, ahead)
         ask_for_closures(closures, ahead)
-        if paths.alive[lane] != 0 and gathers(scene, closures, lane, np.int64(paths.hit_instance[lane])):
+        if paths.alive[lane] != 0 and may_gather(scene, closures, lane, np.int64(paths.hit_instance[lane])):
             _gather(scene, work, lane)
 
 
@@ -178,6 +181,8 @@ def mark_caustics(scene, unit, work, queue):
     queue : LaneQueue
         `work.surface`, from which paths have gone on.
     """
+    if not scene.photons.numbers[MAP_RADIUS] > 0.0:
+        return
     paths, points, closures, f_cos = work.paths, work.points, work.closures, work.f_cos
     photons, grid = work.photons, scene.photons
     is_tried = grid.header[MAP_IS_TRIED] != 0
@@ -207,7 +212,7 @@ def mark_caustics(scene, unit, work, queue):
                         photons.seen[piece] += np.float32(1.0)
         else:
             flags &= ~RAY_GATHERED
-            if gathers(scene, closures, lane, instance):
+            if may_gather(scene, closures, lane, instance):
                 wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
                 wi = load(paths.direction, lane)
                 pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
