@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Casters: surfaces so smooth that what light does behind them is found by photons."""
+"""Casters: surfaces so sharp that what light does behind them is found by photons."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ _GROUPS = 256
 
 
 def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: LightArrays) -> CasterArrays:
-    """The triangles of all smooth surfaces that stand still, by their areas in the world.
+    """The triangles of all sharp surfaces that stand still, by their areas in the world.
 
     Parameters
     ----------
     geometry : GeometryArrays
     programs : sequence of bool
-        By program, whether it has delta lobes (`CompiledProgram.is_smooth`).
+        By program, whether photons may begin there.
     lights : LightArrays
 
     Returns
@@ -54,9 +54,9 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     CasterArrays
         Without triangles where there is no such surface.
     """
-    is_smooth = np.array(programs, np.uint8)
+    is_sharp = np.array(programs, np.uint8)
     table, meshes = geometry.instance_table, geometry.mesh_table
-    if not is_smooth.any() or not len(table):
+    if not is_sharp.any() or not len(table):
         return no_casters(lights)
     of_mesh = meshes[table[:, INSTANCE_MESH]]
     flags = table[:, INSTANCE_FLAGS]
@@ -74,8 +74,8 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
         slots = geometry.material_slots[first : first + count]
         material = geometry.instance_materials[table[instance, INSTANCE_MATERIAL_OFFSET] + slots]
-        smooth = is_smooth[material] != 0
-        if not smooth.any():
+        sharp = is_sharp[material] != 0
+        if not sharp.any():
             continue
         first_row[instance] = sum(len(row) for row in rows)
         rows.append(np.full(count, instance, np.int32))
@@ -83,7 +83,7 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
         corners = _corners(geometry, instance, triangles[-1])
         edges = corners[:, 1:] - corners[:, :1]
         area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-        areas.append(np.where(smooth & np.isfinite(area), area, 0.0))
+        areas.append(np.where(sharp & np.isfinite(area), area, 0.0))
         middles.append(corners.mean(axis=1))
     if not rows or not sum(float(area.sum()) for area in areas) > 0.0:
         return no_casters(lights)
@@ -164,8 +164,8 @@ class KeptCasters:
             self._kept.drop()
             return no_casters(lights)
         # Through what lets shadow rays pass, or casts no shadow, light samples bring the light already.
-        is_smooth = tuple(program.is_smooth and not program.lets_through for program in programs.compiled)
-        key = meshes.geometry.version, is_smooth
-        casters = self._kept.get(key, lambda: build_casters(geometry, is_smooth, lights))
+        casts = tuple(program.makes_caustics and not program.lets_through for program in programs.compiled)
+        key = meshes.geometry.version, casts
+        casters = self._kept.get(key, lambda: build_casters(geometry, casts, lights))
         # Scattering finds nothing here that light samples leave to it.
         return casters._replace(lights=sampled_whole(lights))

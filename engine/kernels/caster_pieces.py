@@ -3,7 +3,10 @@
 
 import numpy as np
 
+from engine.kernels.path import real_3
+from engine.kernels.vector import dot
 from engine.runtime.jit import kernel
+from engine.state.lanes import POINT_FLAG_BACKFACING, POINT_FLAGS, POINT_NG
 
 _HALF = np.float32(0.5)
 
@@ -65,3 +68,20 @@ def piece_at(casters, instance, triangle, u, v):
     if casters.first_piece[row] < 0:
         return np.int64(-1)
     return casters.first_piece[row] + piece_of_place(casters.level[row], u, v)
+
+
+@kernel
+def start_at(casters, paths, points, lane, direction):
+    """Where photons would begin that came along `direction` to the surface that a lane has met, and to that place of
+    it: a row of `PhotonMap.place_density`; -1: nowhere.
+    """
+    piece = piece_at(
+        casters, np.int64(paths.hit_instance[lane]), np.int64(paths.hit_triangle[lane]), paths.hit_u[lane],
+        paths.hit_v[lane],
+    )
+    if piece < 0:
+        return np.int64(-1)
+    # Points' normals are turned to the viewer.
+    is_behind = dot(real_3(points, lane, POINT_NG), direction) < 0.0
+    is_turned = points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0
+    return 2 * piece + (1 if is_behind != is_turned else 0)

@@ -4,7 +4,6 @@
 import numpy as np
 
 from engine.kernels.constants import FAR
-from engine.kernels.lights import links_shadows
 from engine.kernels.path_depths import store_depths
 from engine.kernels.surface import program_of, starts_in_place
 from engine.kernels.vector import dot, store
@@ -105,8 +104,7 @@ def keep_light_sample(scene, work, lane, sample, bsdf_pdf, u, world_group, split
             flags |= LIGHT_ENDS_IN_PLACE
     elif starts_in_place(geometry, instance):
         flags |= LIGHT_ENDS_IN_PLACE
-    if flags & LIGHT_ENDS_IN_PLACE or links_shadows(lights):
-        samples.emitter[lane] = emitter
+    samples.emitter[lane] = emitter
     samples.distance[lane] = distance
     # How much too long the ray could be: rounding at the light and the shifted origin, seen at a slant there.
     if distance < FAR:

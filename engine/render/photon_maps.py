@@ -18,6 +18,7 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
+from engine.render.photon_starts import Starts
 from engine.state.photons import (
     GATHERED_ONE_IN,
     MAP_BUCKETS,
@@ -41,8 +42,6 @@ _FEWEST, _MOST = 1 << 12, 1 << 19
 CHUNK = 4096
 #: Samples of a pixel that go by one map, at most.
 _MOST_SAMPLES = 16
-#: Share of photons that begin anywhere on casters.
-_EVERYWHERE = 0.25
 #: Photons within the first radius.
 _FIRST_NEIGHBOURS = 4
 #: The first radius is at most this many times a pixel's: where few photons arrive, paths find what they lack.
@@ -58,7 +57,7 @@ _LARGE = 0.05
 #: (F, PHOTON_WIDTH), or None: it was stopped.
 SendOff = Callable[[PhotonMap, int, int], Float32Array | None]
 #: By a map without photons: radius of a pixel where it gathers photons [m], 0: nowhere, and how often paths that had
-#: gathered some have met each piece of the casters; None: it was stopped.
+#: gathered some have left each side of the casters' pieces; None: it was stopped.
 Look = Callable[[PhotonMap], tuple[float, Float32Array] | None]
 #: What photons gain by a map, 0: they do not pay; None: it was stopped.
 TryOut = Callable[[PhotonMap], float | None]
@@ -116,13 +115,16 @@ class PhotonMaps:
 
     def __init__(self, pixel_count: int, casters: CasterArrays, *, is_tried: bool) -> None:
         self._pixel_count, self._casters, self._is_tried = pixel_count, casters, is_tried
-        #: Says with what densities photons begin; before anything is known, all over the casters.
-        self._begins = _begins(casters, np.zeros_like(casters.area))
+        self._starts = Starts(casters)
+        #: Say with what densities photons begin: those of the first map, before anything is known all over the casters,
+        #: and those of all others.
+        self._first_begins = self._begins = self._starts.at_first()
         #: By how much paths alone would be noisier, 0 where photons are given up; None: it is not known.
         self.gain: float | None = None
         self._trial = threading.Lock()
         self._maps: dict[int, _Growing] = {}
         self._first_radius: float | None = None
+        self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
 
@@ -134,9 +136,9 @@ class PhotonMaps:
         if self.gain == 0.0:
             return NO_PHOTONS
         with self._trial:
-            if self._pixel_radius is None and (seen := look(self._begins)) is not None:
-                self._pixel_radius, counts = seen
-                self._begins = _begins(self._casters, counts)
+            if self._pixel_radius is None and (seen := look(self._first_begins)) is not None:
+                self._pixel_radius, self._seen = seen
+                self._first_begins = self._starts.at_first(self._seen)
         if self._pixel_radius is None:
             return None
         if self._first_radius is None and self._made(0, send_off) is None:
@@ -167,6 +169,7 @@ class PhotonMaps:
         return _Growing(first, count, radius)
 
     def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
+        begins = self._begins if number > 0 else self._first_begins
         with self._changed:
             growing = self._maps.get(number)
             if growing is None:
@@ -178,48 +181,34 @@ class PhotonMaps:
                 chunk = growing.next_chunk
                 if chunk == growing.chunk_count:
                     # Others are at it; they may be stopped, and so may this thread.
-                    if not self._changed.wait(0.05) and send_off(self._begins, 0, 0) is None:
+                    if not self._changed.wait(0.05) and send_off(begins, 0, 0) is None:
                         return None
                     continue
                 growing.next_chunk += 1
             first = chunk * CHUNK
-            found = send_off(self._begins, growing.first + first, min(CHUNK, growing.count - first))
+            found = send_off(begins, growing.first + first, min(CHUNK, growing.count - first))
             if found is None:
                 return None
             with self._changed:
                 growing.found[chunk] = found
                 if len(growing.found) == growing.chunk_count:
-                    growing.made = self._finish(growing)
+                    growing.made = self._finish(growing, begins)
                     self._changed.notify_all()
         return growing.made
 
-    def _finish(self, growing: _Growing) -> PhotonMap:
+    def _finish(self, growing: _Growing, begins: PhotonMap) -> PhotonMap:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
         if growing.radius is None:
             radius = _first_radius(photons, float(self._casters.area.sum()))
             if self._pixel_radius:
                 radius = min(radius, _MOST_PIXELS * self._pixel_radius)
-            growing.radius = self._first_radius = radius
-        return make_map(photons, growing.count, growing.radius, self._begins)
-
-
-def _begins(casters: CasterArrays, seen: Float32Array) -> PhotonMap:
-    """A map without photons that says how they begin: mostly where paths look for lamps, and a little everywhere.
-
-    Parameters
-    ----------
-    seen : float32 (Q,), how often paths have met the casters' pieces; of their groups by area
-    """
-    area, group = casters.area.astype(np.float64), casters.group
-    probability = area / area.sum()
-    if (total := seen.sum(dtype=np.float64)) > 0.0:
-        by_group = np.bincount(group, seen) / np.bincount(group, area)
-        probability = _EVERYWHERE * probability + (1.0 - _EVERYWHERE) * by_group[group] * area / total
-    cumulative = np.cumsum(probability)
-    cumulative /= cumulative[-1]
-    # One side of two is drawn.
-    return no_photons((0.5 * probability / area).astype(np.float32), cumulative)
+            growing.radius = radius
+        made = make_map(photons, growing.count, growing.radius, begins)
+        if self._first_radius is None:
+            self._begins = self._starts.by_light(self._seen, made, growing.count)
+            self._first_radius = growing.radius
+        return made
 
 
 def _first_radius(photons: Float32Array, caster_area: float) -> float:

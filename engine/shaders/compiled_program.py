@@ -103,8 +103,8 @@ class CompiledProgram:
     is_boundary: bool = False
     #: Whether light goes through its surface by being bent.
     refracts: bool = False
-    #: Whether it has delta lobes, wherever it is.
-    is_smooth: bool = False
+    #: Whether light that it scatters stays together (`engine.shaders.sharp_lobes`).
+    makes_caustics: bool = False
     #: Instructions of a medium that varies, which sees the point as it is, without displacement.
     medium_instructions: list[Instruction] = field(default_factory=list)
     medium_roots: list[int] = field(default_factory=list)

@@ -3,19 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from engine.kernels.bsdf import plain_glass, plain_principled
 from engine.kernels.bsdf.diffuse import MIN_DIFFUSE_ROUGHNESS
-from engine.kernels.bsdf.kinds import DELTA_ALPHA_SQUARED
 from engine.kernels.bsdf.linked_lobes import ADDED
 from engine.kernels.shader import ops_closure, ops_image, ops_input, ops_rays
 from engine.scene.description import Notice
 from engine.shaders.blackbody import emission_temperature
 from engine.shaders.compiled_program import Asked, CompiledProgram, ProgramSource, WorldImage
 from engine.shaders.program import Constant, Instruction, Value, is_zero
+from engine.shaders.sharp_lobes import makes_caustics
 from engine.state import shaders as layout
 from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 
@@ -23,16 +22,6 @@ from engine.state.shaders import MODE_CLOSURES, MODE_EMISSION, MODE_TRANSPARENCY
 _TRANSMISSION = 13
 _SUBSURFACE = 24
 _THIN_WALL = 29
-#: And roughness, coat weight and coat roughness.
-_ROUGHNESS, _COAT_WEIGHT, _COAT_ROUGHNESS = 6, 14, 15
-#: Of GLASS, REFRACTION and GLOSSY, behind weight, normal and colour.
-_ROUGHNESS_OF_NODE = 3
-#: Where closures with folded inputs have their alpha.
-_FOLDED_ALPHA: Mapping[str, Callable[[Sequence[float]], float]] = {
-    "PLAIN_GLASS": plain_glass.alpha_of_glass,
-    "PLAIN_GLOSSY": plain_glass.alpha_of_glossy,
-    "PLAIN_PRINCIPLED": plain_principled.alpha_of_principled,
-}
 _TRACING = (ops_rays.OP_OCCLUSION, ops_rays.OP_BEVEL, ops_rays.OP_RAYCAST)
 
 
@@ -75,7 +64,7 @@ def with_analysis(
     temperature = emission_temperature(source.graph)
     return CompiledProgram(
         instructions, roots, flags, emission, transparency, lambertian, ahead, world_image, temperature, asked, notices,
-        refracts=_refracts(instructions, closures), is_smooth=_is_smooth(instructions, closures),
+        refracts=_refracts(instructions, closures), makes_caustics=makes_caustics(instructions, closures),
     )  # fmt: skip
 
 
@@ -102,33 +91,6 @@ def _refracts(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool
         )
         for root in roots
     )
-
-
-def _is_smooth(instructions: Sequence[Instruction], roots: Sequence[int]) -> bool:
-    """Whether some lobe is sure to be a delta lobe."""
-    return any(_has_delta(instructions[root]) for root in roots)
-
-
-def _has_delta(closure: Instruction) -> bool:
-    for name, find_alpha in _FOLDED_ALPHA.items():
-        if closure.opcode == ops_closure.opcode(name):
-            folded = closure.inputs[-1]
-            return isinstance(folded, Constant) and _is_delta(find_alpha(folded.value))
-    if closure.opcode == ops_closure.opcode("PRINCIPLED"):
-        has_coat = not is_zero(closure.inputs[_COAT_WEIGHT]) and _is_sharp(closure.inputs[_COAT_ROUGHNESS])
-        return has_coat or _is_sharp(closure.inputs[_ROUGHNESS])
-    if closure.opcode in [ops_closure.opcode(name) for name in ("GLASS", "REFRACTION", "GLOSSY")]:
-        return _is_sharp(closure.inputs[_ROUGHNESS_OF_NODE])
-    return False
-
-
-def _is_sharp(roughness: Value) -> bool:
-    """Whether facets of this roughness are a mirror's."""
-    return isinstance(roughness, Constant) and _is_delta(min(max(roughness.value[0], 0.0), 1.0) ** 2)
-
-
-def _is_delta(alpha: float) -> bool:
-    return alpha * alpha <= float(DELTA_ALPHA_SQUARED)
 
 
 def _is_thin(inputs: Sequence[Value]) -> bool:

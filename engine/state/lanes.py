@@ -483,7 +483,7 @@ class LightSamples(Bundle):
     cluster: Int32Array = column("of the light that was chosen, -1 = none", "L", line=1)
     cluster_pmf: Float32Array = column("probability with which it was", "L", line=1)
     tree_pmf: Float32Array = column("and with which it would have been by the light tree alone", "L", line=1)
-    emitter: Int32Array = column("row of `LightArrays.emitters`, where LIGHT_ENDS_IN_PLACE", "L", line=1)
+    emitter: Int32Array = column("row of `LightArrays.emitters`", "L", line=1)
     channels: tuple[int, ...]
 
 

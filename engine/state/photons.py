@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photons: light that has gone from a lamp over smooth surfaces to one that gathers it, and where it can begin."""
+"""Photons: light that has gone from a lamp over sharp surfaces to one that gathers it, and where it can begin."""
 
 from __future__ import annotations
 
@@ -19,10 +19,15 @@ PHOTON_POWER = _photon.take(3)  # [W], RGB
 #: cosine at the caster [m^-2 sr^-1].
 PHOTON_DENSITY = _photon.take()
 PHOTON_GROUP = _photon.take()  # light group, -1 = none
-PHOTON_DEPTH = _photon.take()  # scatterings on its way
-PHOTON_GLOSSY = _photon.take()  # those that reflected it
+#: Scatterings on its way that reflected it, and those that let it through BOUNCE_LIMIT times: both are whole numbers
+#: below that.
+PHOTON_BOUNCES = _photon.take()
+PHOTON_START = _photon.take()  # where it began, a row of PhotonMap.place_density
 #: A cache line of float32.
 PHOTON_WIDTH = _photon.width(16)
+
+#: See PHOTON_BOUNCES. Blender's limits are 1024.
+BOUNCE_LIMIT = 2048
 
 #: Of the photons in a disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a pixel, go
 #: by others, so that noise has no blotches.
@@ -48,11 +53,11 @@ MAY_GATHER = 2
 
 
 class CasterArrays(Bundle):
-    """Smooth surfaces in pieces, from which photons begin: T triangles, each divided into 4 ** level pieces, P in all.
+    """Sharp surfaces in pieces, from which photons begin: T triangles, each divided into 4 ** level pieces, P in all.
 
     first_row : int32 (I,), row of the first triangle of an instance's mesh, -1: it casts nothing
     instance, triangle : int32 (T,), rows of `GeometryArrays.instance_table` and `.triangles`
-    first_piece : int32 (T,), -1: the triangle is not smooth
+    first_piece : int32 (T,), -1: the triangle is no caster
     level : int32 (T,)
     row : int32 (P,), the pieces' triangles; group : int32 (P,), those that lie together have the same number
     area : float32 (P,), of the pieces in the world [m^2]
@@ -76,8 +81,9 @@ class PhotonMap(Bundle):
     """Photons sorted by the cells of a hashed grid, P of them in H buckets.
 
     header : int64 (MAP_HEADER_WIDTH,); numbers : float32 (MAP_NUMBERS,)
-    cumulative : float64 (Q,), of the probabilities with which photons begin at the casters' pieces, the last is 1
-    place_density : float32 (Q,), with which they begin at a place of a piece, on one side [m^-2]
+    cumulative : float64 (S,), of the probabilities with which photons begin at the casters' pieces, the last is 1.
+        Pieces have two rows each, their sides: that of the geometric normal, then the other.
+    place_density : float32 (S,), with which they begin at a place of a piece, on that side [m^-2]
     starts : int32 (H + 1,), first photon of each bucket
     photons : float32 (P, PHOTON_WIDTH)
     """
@@ -91,7 +97,7 @@ class PhotonMap(Bundle):
 
 
 class PhotonLanes(Bundle):
-    """What lanes know of photons, L of them; F photons that have been found; M pixels of a trial."""
+    """What lanes know of photons, L of them; F photons that have been found; M pixels of a trial; S as in PhotonMap."""
 
     ratio: Float32Array = column(
         "where the path gathered photons last: cosine to its geometric normal over the density of its BSDF [sr]", "L"
@@ -100,7 +106,8 @@ class PhotonLanes(Bundle):
     place_density: Float32Array = column(
         "`PhotonMap.place_density` where the photon began, or at the last caster that the path has met [m^-2]", "L"
     )
-    seen: Float32Array = column("how often a trial's paths have met each piece of the casters", "Q")
+    start: Int32Array = column("where the lane's photon began, PHOTON_START", "L")
+    seen: Float32Array = column("how often a trial's paths have left each side of the casters' pieces", "S")
     group: Int32Array = column("of its light", "L")
     visibility: Int32Array = column("RAY_* bits of rays that see its light", "L")
     tried: Float32Array = column(
@@ -112,7 +119,7 @@ class PhotonLanes(Bundle):
 
 def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int, piece_count: int) -> PhotonLanes:
     """Zeroed `PhotonLanes`."""
-    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count, "M": pixel_count, "Q": piece_count})
+    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count, "M": pixel_count, "S": 2 * piece_count})
 
 
 def no_casters(lights: LightArrays) -> CasterArrays:

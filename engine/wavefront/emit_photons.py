@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stages that send photons off: each from a place on a smooth surface, with the light of a light sample there.
+"""Stages that send photons off: each from a place on a caster, with the light of a light sample there.
 
 The place is drawn by area, and its light as any receiver's is: by the light tree, programs of lights and shadow rays.
 What comes of it is what arrives there from one direction, and that is where the photon comes from.
@@ -16,7 +16,7 @@ from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.kinds import DIFFUSE
 from engine.kernels.camera import sample_table
 from engine.kernels.caster_pieces import place_in_piece
-from engine.kernels.caustics import LEAST_COSINE
+from engine.kernels.caustics import LEAST_COSINE, UNMET
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import reset_depths
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, pixel_hash, sample_4d
@@ -31,6 +31,14 @@ from engine.state.lanes import (
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
     RAY_REFLECT,
+)
+from engine.state.lights import (
+    EMITTER_KIND,
+    EMITTER_LAMP,
+    LAMP_FLAG_DELTA,
+    LAMP_FLAGS,
+    LIGHT_BACKGROUND,
+    LIGHT_TRIANGLE,
 )
 from engine.wavefront.columns import (
     NEXT_PATH,
@@ -92,7 +100,7 @@ def _begin_lane(paths, passes, lane, time, sample, rng, power):
 
 @kernel
 def place_photons(scene, unit, work, queue):
-    """Put places on casters into lanes, as white surfaces that ask for light: one side of each, drawn like the place.
+    """Put places on one side of casters into lanes, as white surfaces that ask for light.
 
     Parameters
     ----------
@@ -107,20 +115,22 @@ def place_photons(scene, unit, work, queue):
     for lane in range(placed):
         sample = header[UNIT_SAMPLE_FIRST] + first + lane
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
-        time_u, side_u, _, _ = sample_4d(rng, sample, SET_TIME)
+        time_u, _, _, _ = sample_4d(rng, sample, SET_TIME)
         # More bits than one number has: there may be millions of pieces.
-        piece = _draw_row(grid.cumulative, np.float64(u0) + np.float64(u3) * 2.0**-24)
-        row, density = casters.row[piece], grid.place_density[piece]
+        start = _draw_row(grid.cumulative, np.float64(u0) + np.float64(u3) * 2.0**-24)
+        piece, density = start >> 1, grid.place_density[start]
+        row = casters.row[piece]
         instance, triangle = np.int64(casters.instance[row]), np.int64(casters.triangle[row])
         root = math.sqrt(u1)
         u, v = np.float32(1.0 - root), np.float32(u2 * root)
         u, v = place_in_piece(piece - np.int64(casters.first_piece[row]), casters.level[row], u, v)
         time = sample_table(scene.shutter, time_u)
         p, ng, _ns, _error = surface_point(geometry, instance, triangle, u, v, time)
-        if side_u < 0.5:
+        if start & 1:
             ng = negate(ng)
         _begin_lane(paths, work.passes, lane, time, sample, rng, np.float32(1.0) / density)
         work.photons.place_density[lane] = density
+        work.photons.start[lane] = start
         # Seen from the side that asks.
         error = prepare_point(geometry, points, lane, instance, triangle, u, v, negate(ng), time)
         paths.offset[lane] = error
@@ -149,6 +159,16 @@ def place_photons(scene, unit, work, queue):
 
 
 @kernel
+def _is_delta(lights, emitter):
+    """Whether an emitter is a lamp without a size."""
+    kind = lights.emitters[emitter, EMITTER_KIND]
+    if kind == LIGHT_TRIANGLE or kind == LIGHT_BACKGROUND:
+        return False
+    row = np.int64(lights.emitters[emitter, EMITTER_LAMP])
+    return lights.lamp_table[row, LAMP_FLAGS] & LAMP_FLAG_DELTA != 0
+
+
+@kernel
 def launch_photons(scene, unit, work, queue):
     """Make photons of the light that has arrived at their places, which they meet next.
 
@@ -157,7 +177,7 @@ def launch_photons(scene, unit, work, queue):
     queue : LaneQueue
         `work.active`; `work.traced` is filled with the lanes of those that have light.
     """
-    paths, points, samples, photons = work.paths, work.points, work.samples, work.photons
+    paths, points, samples, photons, lights = work.paths, work.points, work.samples, work.photons, scene.lights
     splits_light = unit.header[UNIT_SPLITS_LIGHT] != 0 and work.passes.parts.shape[0] > 0
     lanes, lane_count = queue.lanes, queue.count[0]
     traced, traced_count = work.traced.lanes, 0
@@ -170,8 +190,9 @@ def launch_photons(scene, unit, work, queue):
             paths.radiance[lane, c] = 0.0
             paths.throughput[lane, c] = power
             largest = max(largest, abs(power))
-        # Lamps without a size, or without multiple importance sampling, paths do not find either.
-        if not largest > 0.0 or not math.isfinite(largest) or not samples.flags[lane] & LIGHT_USES_MIS:
+        # Lamps that are to be found by light samples alone cast no caustics, as in Cycles, unless they have no size.
+        is_met = samples.flags[lane] & LIGHT_USES_MIS != 0
+        if not largest > 0.0 or not math.isfinite(largest) or not (is_met or _is_delta(lights, samples.emitter[lane])):
             paths.alive[lane] = 0
             continue
         wi = load(samples.direction, lane)
@@ -184,7 +205,7 @@ def launch_photons(scene, unit, work, queue):
         factor = dot(ng, wi) / cosine
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] *= factor
-        photons.density[lane] = samples.pdf[lane] * photons.place_density[lane] / cosine
+        photons.density[lane] = samples.pdf[lane] * photons.place_density[lane] / cosine if is_met else UNMET
         photons.visibility[lane] = samples.visibility[lane]
         photons.group[lane] = work.passes.group[lane] if splits_light else -1
         store(paths.direction, lane, negate(wi))

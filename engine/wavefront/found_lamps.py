@@ -87,7 +87,7 @@ def weigh_lamp(scene, work, lane, row, origin, wi, distance):
     unguided = found_alone(paths.unguided[lane])
     if factor > 0.0 and flags & RAY_CAUSTIC:
         factor *= share_of_lamp(scene, work, lane, row, wi, distance)
-    elif factor > 0.0 and options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+    if factor > 0.0 and options.use_nee != 0 and not flags & RAY_MIS_SKIP:
         tree = tree_of_ray(lights, flags)
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
         receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False, tree)

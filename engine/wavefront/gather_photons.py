@@ -12,8 +12,8 @@ import numpy as np
 
 from engine.kernels.bsdf import DIFFUSE_LOBES, eval_bsdf, share_lobes
 from engine.kernels.bsdf.evaluate import EVERY_KIND
-from engine.kernels.caster_pieces import piece_at
-from engine.kernels.caustics import LEAST_COSINE, expected_photons, may_gather, ratio_at
+from engine.kernels.caster_pieces import start_at
+from engine.kernels.caustics import LEAST_COSINE, expected_photons, may_gather, ratio_at, sends_photons_on
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
@@ -34,15 +34,15 @@ from engine.state.lanes import (
     RAY_TRANSPARENT,
 )
 from engine.state.photons import (
+    BOUNCE_LIMIT,
     GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_INVERSE_CELL,
     MAP_IS_TRIED,
     MAP_RADIUS,
     MAP_SCALE,
+    PHOTON_BOUNCES,
     PHOTON_DENSITY,
-    PHOTON_DEPTH,
-    PHOTON_GLOSSY,
     PHOTON_GROUP,
     PHOTON_NG,
     PHOTON_P,
@@ -60,11 +60,10 @@ _FLATNESS = np.float32(0.3)
 @kernel
 def _is_of_path(options, paths, lane, photons, row):
     """Whether limits let a path go on over as many surfaces as a photon has come by."""
-    depth = paths.depth[lane] + 1 + np.int64(photons[row, PHOTON_DEPTH])
-    glossy = np.int64(photons[row, PHOTON_GLOSSY])
-    passed = np.int64(photons[row, PHOTON_DEPTH]) - glossy
+    bounces = np.int64(photons[row, PHOTON_BOUNCES])
+    glossy, passed = bounces % BOUNCE_LIMIT, bounces // BOUNCE_LIMIT
     return (
-        depth <= options.max_depth
+        paths.depth[lane] + 1 + glossy + passed <= options.max_depth
         and paths.glossy_depth[lane] + glossy <= options.max_glossy_depth
         and paths.transmission_depth[lane] + passed <= options.max_transmission_depth
         and paths.diffuse_depth[lane] + 1 <= options.max_diffuse_depth
@@ -200,16 +199,14 @@ def mark_caustics(scene, unit, work, queue):
         if flags & RAY_SUBSURFACE:
             # It has gone in below the surface, and gathers where it comes out.
             continue
-        if flags & RAY_SINGULAR:
+        if flags & RAY_SINGULAR or (flags & RAY_GATHERED and sends_photons_on(closures, lane)):
             if flags & RAY_GATHERED:
-                piece = piece_at(
-                    scene.casters, instance, np.int64(paths.hit_triangle[lane]), paths.hit_u[lane], paths.hit_v[lane]
-                )
-                if piece >= 0:
+                start = start_at(scene.casters, paths, points, lane, load(paths.direction, lane))
+                if start >= 0:
                     flags |= RAY_CAUSTIC
-                    photons.place_density[lane] = grid.place_density[piece]
+                    photons.place_density[lane] = grid.place_density[start]
                     if is_tried:
-                        photons.seen[piece] += np.float32(1.0)
+                        photons.seen[start] += np.float32(1.0)
         else:
             flags &= ~RAY_GATHERED
             if may_gather(scene, closures, lane, instance):

@@ -135,15 +135,15 @@ def shade_background(scene, unit, work, queue):
                 options, spectrum, paths, work.passes, lane, closures.emission, group, film, FEATURE_ENVIRONMENT
             )
         if is_seen and not is_left_out:
-            weight = np.float32(1.0)
+            weight, caustic = np.float32(1.0), np.float32(1.0)
             unguided = found_alone(paths.unguided[lane])
             if flags & RAY_CAUSTIC:
                 asking, cosine = caster_receiver(paths, lane, scene.casters.lights)
                 pdf = background_pdf(
                     scene.casters.lights, asking.tree, asking.p, asking.n, False, False, load(paths.direction, lane)
                 )
-                weight = share_of_path(scene, work, lane, pdf, cosine)
-            elif options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+                caustic = share_of_path(scene, work, lane, pdf, cosine)
+            if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 leaves_dim = (flags & RAY_MIS_FINDS_ALL) != 0
                 tree, direction = tree_of_ray(lights, flags), load(paths.direction, lane)
                 pdf = background_pdf(
@@ -159,7 +159,7 @@ def shade_background(scene, unit, work, queue):
                     options, lights, paths, lane, emitter_towards(lights, tree, direction), leaves_dim, pdf
                 )
             share = add_emission(
-                options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided, group,
+                options, spectrum, paths, work.passes, lane, closures.emission, caustic * weight, unguided, group,
                 film, FEATURE_ENVIRONMENT, use_features,
             )
         if use_denoising and share >= 0.0:

@@ -8,7 +8,7 @@ import numpy as np
 from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
-from engine.kernels.caustics import caster_receiver, share_of_path
+from engine.kernels.caustics import caster_receiver, sends_photons_on, share_of_path
 from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.lights import (
     Receiver,
@@ -117,10 +117,10 @@ def shade_emission(scene, unit, work, queue):
             emitted = max(emitted, abs(closures.emission[lane, c]))
         if emitted > 0.0 and surface_shines(lights, flags, instance):
             weight = np.float32(1.0)
-            unguided = found_alone(paths.unguided[lane])
+            unguided, caustic = found_alone(paths.unguided[lane]), np.float32(1.0)
             if flags & RAY_CAUSTIC:
-                weight = _share_of_surface(scene, work, lane)
-            elif options.use_nee != 0 and not flags & RAY_MIS_SKIP:
+                caustic = _share_of_surface(scene, work, lane)
+            if options.use_nee != 0 and not flags & RAY_MIS_SKIP:
                 receiver = Receiver(
                     load(paths.mis_origin, lane), load(paths.mis_normal, lane),
                     (flags & RAY_MIS_HAD_TRANSMISSION) != 0, False, tree_of_ray(lights, flags),
@@ -135,7 +135,7 @@ def shade_emission(scene, unit, work, queue):
                     if has_blockers(lights, emitter):
                         weight = np.float32(0.0)
             share = add_emission(
-                options, spectrum, paths, work.passes, lane, closures.emission, weight, unguided,
+                options, spectrum, paths, work.passes, lane, closures.emission, caustic * weight, unguided,
                 geometry.instance_table[instance, INSTANCE_LIGHT_GROUP], film, FEATURE_EMISSION, use_features,
             )
             if use_denoising:
@@ -154,5 +154,6 @@ def shade_emission(scene, unit, work, queue):
         if options.filter_glossy > 0.0:
             # Cycles' Filter Glossy: behind a blurry bounce lobes are made at least this rough, to tame caustics.
             blur = paths.min_pdf[lane] / options.filter_glossy
-            if blur < 1.0:
+            # Nor what photons go on by, where there are some: they know nothing of blurring.
+            if blur < 1.0 and (options.blurs_delta != 0 or not sends_photons_on(closures, lane)):
                 blur_glossy(closures, lane, math.sqrt(1.0 - blur) * 0.5, options.blurs_delta)

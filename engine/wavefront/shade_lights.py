@@ -94,7 +94,7 @@ def shade_lights(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if flags & RAY_CAUSTIC:
                 factor *= share_of_lamp(scene, work, lane, row, wi, distance)
-            elif not counts_whole:
+            if not counts_whole:
                 pdf = lamp_pdf(lights, row, receiver, wi, distance)
                 emitter = lamp_emitter(lights, tree, row)
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)
@@ -119,7 +119,7 @@ def shade_lights(scene, unit, work, queue):
             unguided = found_alone(paths.unguided[lane])
             if flags & RAY_CAUSTIC:
                 factor *= share_of_lamp(scene, work, lane, row, wi, DISTANT)
-            elif not counts_whole:
+            if not counts_whole:
                 pdf = distant_lamp_pdf(lights, row, receiver, wi)
                 emitter = lamp_emitter(lights, tree, row)
                 weight, unguided = weigh_found(options, lights, paths, lane, emitter, False, pdf)

@@ -67,6 +67,7 @@ from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
 from engine.wavefront.keep_photons import keep_photons
+from engine.wavefront.leave_to_photons import leave_to_photons
 from engine.wavefront.light_segments import leave_segments, light_segments
 from engine.wavefront.media_stacks import cross_boundaries, find_gaps, start_media
 from engine.wavefront.move_media import move_media
@@ -299,6 +300,7 @@ _STAGES = (
     Stage(prepare_collisions, "sample_medium", _MEDIA),
     Stage(prepare_collision_guides, "prepare_guides", _all(_is_guided, _MEDIA), _guided),
     Stage(choose_lights, "choose_lights", _EMITTERS),
+    Stage(leave_to_photons, "gather_photons", _all(_EMITTERS, _PHOTONS)),
     Stage(upsample_lights, "upsample", _SPECTRAL),
     Stage(guide_lights, "guide_lights", _is_guided, _guided),
     Stage(connect_lights, "connect_lights", _EMITTERS),

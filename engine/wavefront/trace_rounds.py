@@ -184,6 +184,9 @@ def sample_lights(stages, scene, unit, guidance, work):
     """Next-event estimation for all shaded lanes: choose, evaluate, connect, trace."""
     stages.choose_lights(scene, unit, work, work.surface)
     mark(work.clock, CLOCK.choose_lights)
+    if scene.header[SCENE_HAS_PHOTONS] != 0:
+        stages.leave_to_photons(scene, unit, work, work.lit)
+        mark(work.clock, CLOCK.gather_photons)
     _connect_lights(stages, scene, unit, guidance, work, unit.header[UNIT_IS_GUIDED] != 0)
 
 

@@ -36,10 +36,11 @@ def _two(transform: np.ndarray, second: Material, lights: list[Light]) -> SceneD
     return scene
 
 
-def mirror_scene() -> SceneDescription:
-    """A floor beside a mirror, under a small lamp: it is lit as by `mirrored_scene`."""
+def mirror_scene(size: float = 0.1, roughness: float = 0.0) -> SceneDescription:
+    """A floor beside a mirror, under a small lamp: if that is smooth, the floor is lit as by `mirrored_scene`."""
     mirror = material("Mirror", (1.0, 1.0, 1.0), "ShaderNodeBsdfAnisotropic")
-    return _two(_WALL, mirror, [lamp_at(0.0, 0.0, 2.0)])
+    mirror.graph.nodes[0].inputs["Roughness"] = roughness
+    return _two(_WALL, mirror, [lamp_at(0.0, 0.0, 2.0, size)])
 
 
 def mirrored_scene() -> SceneDescription:

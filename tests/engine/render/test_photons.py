@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,10 +66,22 @@ def test_a_mirror_lights_as_the_mirrored_lamp_does() -> None:
     np.testing.assert_allclose(found.mean(axis=(0, 2)), expected.mean(axis=(0, 2)), rtol=0.05)
 
 
-def test_water_is_as_bright_as_by_paths() -> None:
+def test_lamps_without_a_size_are_mirrored_too() -> None:
+    """No path meets them."""
+    mirror, mirrored = mirror_scene(), mirrored_scene()
+    for scene in (mirror, mirrored):
+        scene.lights = [replace(light, kind="POINT", radius=0.0) for light in scene.lights]
+    found, expected = (pictures(scene, range(4), samples=256)[:, :9] for scene in (mirror, mirrored))
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+    np.testing.assert_allclose(found.mean(axis=(0, 2)), expected.mean(axis=(0, 2)), rtol=0.05)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.1, 0.3])
+def test_water_is_as_bright_as_by_paths(roughness: float) -> None:
     """Light is squeezed below water: factors that paths leave out photons must leave out too."""
     by_photons, by_paths = (
-        pictures(water_scene(), range(4), samples=256, caustics=caustics) for caustics in ("PHOTONS", "PATHS")
+        pictures(water_scene(4.0, roughness), range(4), samples=256, caustics=caustics)
+        for caustics in ("PHOTONS", "PATHS")
     )
     assert abs(z_of_means(by_photons, by_paths)) < 4.0
     assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.02)
@@ -78,6 +92,26 @@ def test_what_is_learned_changes_no_mean(learned: dict[str, str]) -> None:
     scene = water_scene()
     guided = pictures(scene, range(2), samples=128, **learned)
     assert guided.mean() == pytest.approx(pictures(scene, range(2), samples=256, caustics="PATHS").mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.3])
+def test_rough_mirrors_are_as_bright_as_by_paths(roughness: float) -> None:
+    """Paths find the lamp by light samples at the mirror too, and all three are weighed against each other."""
+    by_photons, by_paths = (
+        pictures(mirror_scene(1.0, roughness), range(4), samples=256, caustics=caustics)[:, :9]
+        for caustics in ("PHOTONS", "PATHS")
+    )
+    assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.01)
+    np.testing.assert_allclose(by_photons.mean(axis=(0, 2)), by_paths.mean(axis=(0, 2)), rtol=0.05)
+
+
+def test_noise_makes_no_jump_where_facets_become_rough() -> None:
+    """From a mirror on, and at the roughness from which on photons are gathered there."""
+    noise = [
+        pictures(mirror_scene(0.1, roughness), range(2), samples=64).var(axis=0).mean()
+        for roughness in (0.0, 0.005, 0.02, 0.05, 0.1, 0.2)
+    ]
+    assert max(noise) < 2.0 * min(noise)
 
 
 def test_photons_make_less_noise_where_the_lamp_is_small() -> None:

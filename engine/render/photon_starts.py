@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where photons begin: by what paths and photons have told so far, and a little everywhere.
+
+What weighs them against paths goes by these densities, so that they decide about noise alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.array_types import Float32Array, FloatArray
+from engine.state.photons import PHOTON_POWER, PHOTON_START, CasterArrays, PhotonMap, no_photons
+
+#: Shares of photons that begin by area, where paths look for lamps, where photons have brought light from, and by both
+#: together.
+_EVERYWHERE, _SEEN, _LIT, _BOTH = 0.1, 0.15, 0.15, 0.6
+#: And before photons have brought any: by area, the others where paths look for lamps.
+_EVERYWHERE_AT_FIRST = 0.25
+#: Of how many photons' worth is what is known of a whole side of an object, when a group of pieces is judged.
+_PRIOR = 4.0
+
+
+class Starts:
+    """The sides of casters' pieces, S = 2 Q rows as in PhotonMap, and their groups."""
+
+    def __init__(self, casters: CasterArrays) -> None:
+        sides = np.arange(2)
+        self.area = np.repeat(casters.area.astype(np.float64), 2)
+        self._group = (2 * casters.group.astype(np.int64)[:, None] + sides).ravel()
+        instance = casters.instance[casters.row].astype(np.int64)
+        self._object = (2 * instance[:, None] + sides).ravel()
+        self._area_of_group = np.bincount(self._group, self.area)
+
+    def at_first(self, seen: Float32Array | None = None) -> PhotonMap:
+        """A map without photons that says how they begin.
+
+        Parameters
+        ----------
+        seen : float32 (S,), or None
+            How often paths have looked for lamps from there.
+        """
+        probability = self.area / self.area.sum()
+        if seen is not None and seen.any():
+            probability *= _EVERYWHERE_AT_FIRST
+            probability += (1.0 - _EVERYWHERE_AT_FIRST) * self._by_area(self._per_area(seen))
+        return self._begins(probability)
+
+    def by_light(self, seen: Float32Array, before: PhotonMap, emitted: int) -> PhotonMap:
+        """As `at_first`, once photons have told how much light comes from where.
+
+        Parameters
+        ----------
+        before : PhotonMap
+            Their map.
+        emitted : int
+            How many have been sent off for it.
+        """
+        if not seen.any() or not len(before.photons):
+            return self.at_first(seen)
+        start = before.photons[:, PHOTON_START].astype(np.int64)
+        power = np.abs(before.photons[:, PHOTON_POWER : PHOTON_POWER + 3]).mean(axis=1, dtype=np.float64)
+        density = before.place_density.astype(np.float64)
+        # What a photon has brought, times the density with which it began, is light per area.
+        brought = np.bincount(start, power * density[start], len(self.area))
+        begun = emitted * density * self.area
+        of_object = np.bincount(self._object, brought) / np.maximum(np.bincount(self._object, begun), 1.0)
+        prior = np.bincount(self._group, of_object[self._object] * self.area) / np.maximum(self._area_of_group, 1e-30)
+        of_group = np.bincount(self._group, brought) + _PRIOR * prior
+        lit = (of_group / (np.bincount(self._group, begun) + _PRIOR))[self._group]
+        looks = self._per_area(seen)
+        if not (lit * looks).any():
+            return self.at_first(seen)
+        probability = _EVERYWHERE * self.area / self.area.sum()
+        for share, wanted in ((_SEEN, looks), (_LIT, lit), (_BOTH, lit * looks)):
+            probability += share * self._by_area(wanted)
+        return self._begins(probability)
+
+    def _per_area(self, counts: Float32Array) -> FloatArray:
+        """Counts per area of each row's group: float64 (S,)."""
+        by_group: FloatArray = np.bincount(self._group, counts) / np.maximum(self._area_of_group, 1e-30)
+        return by_group[self._group]
+
+    def _by_area(self, per_area: FloatArray) -> FloatArray:
+        """Probabilities of rows that go by something per area: float64 (S,)."""
+        probability: FloatArray = per_area * self.area
+        return probability / probability.sum()
+
+    def _begins(self, probability: FloatArray) -> PhotonMap:
+        cumulative = np.cumsum(probability)
+        cumulative /= cumulative[-1]
+        return no_photons((probability / self.area).astype(np.float32), cumulative)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where photons begin: densities are those of what is drawn, and most go where they bring light that is seen."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from engine.array_types import FloatArray
+from engine.render.photon_starts import Starts
+from engine.state.photons import PHOTON_POWER, PHOTON_START, PHOTON_WIDTH, CasterArrays, PhotonMap
+
+#: Pieces of two objects, and their groups.
+_PIECES, _PER_GROUP = 64, 4
+
+
+def casters() -> CasterArrays:
+    """Pieces of different sizes."""
+    numbers = np.random.default_rng(3)
+    told = SimpleNamespace(
+        instance=np.array([0, 1], np.int32), row=np.repeat(np.array([0, 1], np.int32), _PIECES // 2),
+        group=np.arange(_PIECES, dtype=np.int32) // _PER_GROUP,
+        area=numbers.uniform(0.5, 2.0, _PIECES).astype(np.float32),
+    )  # fmt: skip
+    return cast(CasterArrays, told)
+
+
+def probabilities(begins: PhotonMap) -> FloatArray:
+    return np.diff(begins.cumulative, prepend=0.0)
+
+
+def with_photons(begins: PhotonMap, starts: FloatArray, power: float) -> PhotonMap:
+    photons = np.zeros((len(starts), PHOTON_WIDTH), np.float32)
+    photons[:, PHOTON_START] = starts
+    photons[:, PHOTON_POWER : PHOTON_POWER + 3] = power
+    return begins._replace(photons=photons)
+
+
+@pytest.mark.parametrize("known", ["nothing", "paths", "light"])
+def test_densities_are_those_of_what_is_drawn(known: str) -> None:
+    starts, seen = Starts(casters()), np.zeros(2 * _PIECES, np.float32)
+    seen[[4, 9, 70]] = 1.0, 3.0, 2.0
+    begins = starts.at_first(None if known == "nothing" else seen)
+    if known == "light":
+        begins = starts.by_light(seen, with_photons(begins, np.array([9, 9, 70]), 1.0), 1000)
+    found = probabilities(begins)
+    assert begins.cumulative[-1] == 1.0 and (found > 0.0).all()
+    np.testing.assert_allclose(found, begins.place_density * starts.area, rtol=1e-5)
+
+
+def test_photons_begin_on_sides_that_see_lamps_if_paths_look_from_there() -> None:
+    """Paths look for lamps from both sides of the first object, and photons have brought light from one of them."""
+    starts, seen = Starts(casters()), np.zeros(2 * _PIECES, np.float32)
+    seen[:_PIECES] = 1.0
+    first = starts.at_first(seen)
+    even = np.arange(0, _PIECES, 2).repeat(20)
+    found = probabilities(starts.by_light(seen, with_photons(first, even, 1.0), 4000))
+    assert found[:_PIECES:2].sum() > 0.75
+    assert found[1:_PIECES:2].sum() < 0.15
+
+
+def test_what_brings_more_light_has_more_photons() -> None:
+    starts, seen = Starts(casters()), np.ones(2 * _PIECES, np.float32)
+    first = starts.at_first(seen)
+    begun = np.random.default_rng(1).choice(2 * _PIECES, 40000, p=probabilities(first))
+    photons = with_photons(first, begun, 1.0)
+    density = first.place_density[begun].astype(np.float64)
+    # Light is ten times as bright on the second object, 5.5 on average. A quarter of the photons does not go by it.
+    light = np.where(begun >= _PIECES, 10.0, 1.0)
+    photons.photons[:, PHOTON_POWER : PHOTON_POWER + 3] = (light / density)[:, None]
+    found = starts.by_light(seen, photons, len(begun)).place_density
+    expected = (0.25 + 0.75 * 10.0 / 5.5) / (0.25 + 0.75 / 5.5)
+    assert found[_PIECES:].mean() / found[:_PIECES].mean() == pytest.approx(expected, rel=0.1)
+
+
+def test_without_light_they_begin_where_paths_look() -> None:
+    starts, seen = Starts(casters()), np.ones(2 * _PIECES, np.float32)
+    first = starts.at_first(seen)
+    np.testing.assert_array_equal(starts.by_light(seen, first, 100).place_density, first.place_density)
