@@ -35,15 +35,16 @@ from engine.state.photons import (
     no_photons,
 )
 
-#: Photons for each path that goes by their map, and least and most of a map.
-_PHOTONS_PER_PATH = 1.0
-_FEWEST, _MOST = 1 << 12, 1 << 19
+#: Photons for each path that goes by their map, and least and most of a map. The first map has fewer, since a trial may
+#: find that none are worth their time.
+_PHOTONS_PER_PATH = 2.0
+_FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
 #: Samples of a pixel that go by one map, at most.
 _MOST_SAMPLES = 16
 #: Photons within the first radius.
-_FIRST_NEIGHBOURS = 4
+_FIRST_NEIGHBOURS = 16
 #: The first radius is at most this many times a pixel's: where few photons arrive, paths find what they lack.
 _MOST_PIXELS = 6.0
 #: Photons whose neighbours tell the first radius.
@@ -157,7 +158,8 @@ class PhotonMaps:
 
     def _photons_of(self, number: int) -> int:
         _, samples = samples_of_map(number)
-        return int(min(max(_PHOTONS_PER_PATH * self._pixel_count * samples, _FEWEST), _MOST))
+        most = _MOST if number > 0 else _MOST_AT_FIRST
+        return int(min(max(_PHOTONS_PER_PATH * self._pixel_count * samples, _FEWEST), most))
 
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
@@ -165,7 +167,7 @@ class PhotonMaps:
         if number > 0:
             assert self._first_radius is not None
             # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
-            radius = self._first_radius * ((first + count) / self._photons_of(0)) ** (-1.0 / 6.0)
+            radius = self._first_radius * ((first + count) / self._photons_of(1)) ** (-1.0 / 6.0)
         return _Growing(first, count, radius)
 
     def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
@@ -199,16 +201,20 @@ class PhotonMaps:
     def _finish(self, growing: _Growing, begins: PhotonMap) -> PhotonMap:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
-        if growing.radius is None:
-            radius = _first_radius(photons, float(self._casters.area.sum()))
-            if self._pixel_radius:
-                radius = min(radius, _MOST_PIXELS * self._pixel_radius)
-            growing.radius = radius
-        made = make_map(photons, growing.count, growing.radius, begins)
+        radius = growing.radius
+        if radius is None:
+            found = _first_radius(photons, float(self._casters.area.sum()))
+            radius = self._at_most(found)
+            # That of as many neighbours among as many photons as a sample has from then on.
+            found *= math.sqrt(growing.count / self._photons_of(1))
+        made = make_map(photons, growing.count, radius, begins)
         if self._first_radius is None:
             self._begins = self._starts.by_light(self._seen, made, growing.count)
-            self._first_radius = growing.radius
+            self._first_radius = self._at_most(found)
         return made
+
+    def _at_most(self, radius: float) -> float:
+        return min(radius, _MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
 
 
 def _first_radius(photons: Float32Array, caster_area: float) -> float:

@@ -108,7 +108,7 @@ def test_rough_mirrors_are_as_bright_as_by_paths(roughness: float) -> None:
 def test_noise_makes_no_jump_where_facets_become_rough() -> None:
     """From a mirror on, and at the roughness from which on photons are gathered there."""
     noise = [
-        pictures(mirror_scene(0.1, roughness), range(2), samples=64).var(axis=0).mean()
+        pictures(mirror_scene(0.1, roughness), range(2), samples=64)[:, :9].var(axis=0).mean()
         for roughness in (0.0, 0.005, 0.02, 0.05, 0.1, 0.2)
     ]
     assert max(noise) < 2.0 * min(noise)

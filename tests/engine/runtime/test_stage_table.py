@@ -50,7 +50,7 @@ _OF_LINKS = {
 _OF_FAST_GI = {"shorten_rays", "lengthen_rays", "dim_background"}
 #: Of the loop that sends photons off; and of paths where photons are.
 _OF_PHOTON_LOOP = {"place_photons", "launch_photons", "follow_photons", "keep_photons"}
-_OF_PHOTONS = _OF_PHOTON_LOOP | {"gather_photons", "mark_caustics"}
+_OF_PHOTONS = _OF_PHOTON_LOOP | {"gather_photons", "leave_to_photons", "mark_caustics"}
 _OF_BAKES = {"aim_at_baked", "meet_baked"}
 _OF_ADDED_LIGHT = {"aim_added_light", "leave_added_light"}
 #: Where media vary others are in its place.
