@@ -6,7 +6,7 @@ CAUSTICS = (
     (
         "PHOTONS", "Photons",
         "By photons from the lamps too: caustics are blurred a little at first, and get sharp. Filter Glossy leaves "
-        "smooth surfaces as they are",
+        "surfaces that cast them as they are",
     ),
     ("AUTO", "Automatic", "By photons where a trial finds that they pay and Filter Glossy is 0, else by paths"),
 )  # fmt: skip
