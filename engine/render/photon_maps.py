@@ -201,16 +201,14 @@ class PhotonMaps:
     def _finish(self, growing: _Growing, begins: PhotonMap) -> PhotonMap:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
-        radius = growing.radius
-        if radius is None:
-            found = _first_radius(photons, float(self._casters.area.sum()))
-            radius = self._at_most(found)
-            # That of as many neighbours among as many photons as a sample has from then on.
-            found *= math.sqrt(growing.count / self._photons_of(1))
-        made = make_map(photons, growing.count, radius, begins)
+        if growing.radius is not None:
+            return make_map(photons, growing.count, growing.radius, begins)
+        radius = _first_radius(photons, float(self._casters.area.sum()))
+        made = make_map(photons, growing.count, self._at_most(radius), begins)
         if self._first_radius is None:
             self._begins = self._starts.by_light(self._seen, made, growing.count)
-            self._first_radius = self._at_most(found)
+            # That of as many neighbours among as many photons as a sample has from then on.
+            self._first_radius = self._at_most(radius * math.sqrt(growing.count / self._photons_of(1)))
         return made
 
     def _at_most(self, radius: float) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where photons begin: densities are those of what is drawn, and most go where they bring light that is seen."""
+"""Where photons begin, and how many: most go where they bring light that is seen."""
 
 from __future__ import annotations
 
@@ -9,9 +9,18 @@ from typing import cast
 import numpy as np
 import pytest
 
-from engine.array_types import FloatArray
+from engine.array_types import Float32Array, FloatArray
+from engine.render.photon_maps import PhotonMaps
 from engine.render.photon_starts import Starts
-from engine.state.photons import PHOTON_POWER, PHOTON_START, PHOTON_WIDTH, CasterArrays, PhotonMap
+from engine.state.photons import (
+    MAP_RADIUS,
+    PHOTON_P,
+    PHOTON_POWER,
+    PHOTON_START,
+    PHOTON_WIDTH,
+    CasterArrays,
+    PhotonMap,
+)
 
 #: Pieces of two objects, and their groups.
 _PIECES, _PER_GROUP = 64, 4
@@ -80,3 +89,30 @@ def test_without_light_they_begin_where_paths_look() -> None:
     starts, seen = Starts(casters()), np.ones(2 * _PIECES, np.float32)
     first = starts.at_first(seen)
     np.testing.assert_array_equal(starts.by_light(seen, first, 100).place_density, first.place_density)
+
+
+def test_the_first_map_is_small_and_the_next_has_the_radius_of_as_many_neighbours() -> None:
+    """A trial may find that photons do not pay; what follows is as sharp as if it had not been small."""
+
+    def send_off(_begins: PhotonMap, first: int, count: int) -> Float32Array:
+        photons = np.zeros((count, PHOTON_WIDTH), np.float32)
+        photons[:, PHOTON_P : PHOTON_P + 2] = np.random.default_rng(first).random((count, 2))
+        return photons
+
+    pixels = 200_000
+    maps = PhotonMaps(pixels, casters(), is_tried=False)
+
+    def map_of(sample: int) -> PhotonMap:
+        seen = np.zeros(2 * _PIECES, np.float32)
+        found = maps.map_of(sample, send_off, lambda _begins: (0.0, seen), lambda _map: None)
+        assert found is not None
+        return found
+
+    first, second = map_of(0), map_of(1)
+    assert len(first.photons) < len(second.photons) == 2 * pixels
+    radius = float(first.numbers[MAP_RADIUS])
+    # Sixteen neighbours within a disc.
+    assert len(first.photons) * np.pi * radius**2 == pytest.approx(16.0, rel=0.1)
+    shrunk = ((len(first.photons) + len(second.photons)) / len(second.photons)) ** (-1.0 / 6.0)
+    expected = radius * np.sqrt(len(first.photons) / len(second.photons)) * shrunk
+    assert second.numbers[MAP_RADIUS] == pytest.approx(expected, rel=1e-4)
