@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.environment import describe, thread_count
 from benchmarks.images import Float32Array
-from benchmarks.lightmaps import Lightmap, make_lightmap
+from benchmarks.lightmaps import Lightmap, Spent, make_lightmap
 from benchmarks.metrics import compare_means
 from benchmarks.rivals import CYCLES_RIVALS, Budget, find_rival
 from benchmarks.scene_files import SceneSource, expand, open_scene
@@ -58,13 +58,13 @@ class Bakes:
     """A rival's bakes of one room.
 
     samples : int, a texel
-    seconds : list of float, of each seed
+    spent : list of Spent, of each seed
     images : list of float32 (1, N, 3)
     said : list of str, what the log has of the last
     """
 
     samples: int
-    seconds: list[float] = field(default_factory=list)
+    spent: list[Spent] = field(default_factory=list)
     images: list[Float32Array] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
 
@@ -73,7 +73,7 @@ class Bakes:
 class Figures:
     """What a rival's bakes of one room came to.
 
-    seconds : float, mean over seeds
+    seconds, processor_seconds : float, means over seeds
     difference, standard_error : float
         Of the mean over texels and channels, to that of Cycles' reference; and of its noise, that of the reference
         included, by texels.
@@ -81,6 +81,7 @@ class Figures:
 
     samples: int
     seconds: float
+    processor_seconds: float
     error: TotalError
     difference: float
     standard_error: float
@@ -89,6 +90,10 @@ class Figures:
     def times_better(self, other: Figures) -> float:
         """Error of another at equal time over ours. Seconds differ a little, and errors fall as 1 / seconds."""
         return other.error.total * other.seconds / (self.error.total * self.seconds)
+
+    def times_better_by_processor(self, other: Figures) -> float:
+        """The same at equal seconds of all threads, whatever else the machine did."""
+        return other.error.total * other.processor_seconds / (self.error.total * self.processor_seconds)
 
 
 def mean_difference(images: Sequence[Float32Array], theirs: Sequence[Float32Array]) -> tuple[float, float]:
@@ -107,9 +112,10 @@ def figures(bakes: Bakes, references: Mapping[str, Sequence[Float32Array]]) -> F
     """
     first, second = (np.mean(np.stack(references[name]), axis=0) for name in REFERENCES)
     difference, error = mean_difference(bakes.images, references["cycles"])
+    seconds, processor_seconds = np.mean(bakes.spent, axis=0)
     return Figures(
-        bakes.samples, float(np.mean(bakes.seconds)), total_error(bakes.images, (first, second)), difference, error,
-        bakes.said,
+        bakes.samples, float(seconds), float(processor_seconds), total_error(bakes.images, (first, second)), difference,
+        error, bakes.said,
     )
 
 
@@ -133,24 +139,24 @@ class Room:
     lightmap: Lightmap
     threads: int
 
-    def bake(self, rival: str, samples: int, seed: int) -> tuple[Float32Array, float, list[str]]:
-        """A rival's bake, float32 (1, N, 3), the seconds that it took, and what the log has of it."""
+    def bake(self, rival: str, samples: int, seed: int) -> tuple[Float32Array, Spent, list[str]]:
+        """A rival's bake, float32 (1, N, 3), what it took, and what the log has of it."""
         find_rival(rival).configure(self.scene, Budget(samples), seed, self.threads)
         listener, logger = _Listener(), logging.getLogger("neuralguide")
         logger.addHandler(listener)
         try:
-            texels, seconds = self.lightmap.bake(self.scene)
+            texels, spent = self.lightmap.bake(self.scene)
         finally:
             logger.removeHandler(listener)
-        print(f"  {self.name} {rival} seed {seed}: {samples} samples in {seconds:.2f} s", flush=True)
-        return texels[None], seconds, listener.lines
+        print(f"  {self.name} {rival} seed {seed}: {samples} samples in {spent.seconds:.2f} s", flush=True)
+        return texels[None], spent, listener.lines
 
     def samples(self, rival: str, seconds: float) -> int:
         """How many samples a bake has that takes so long."""
         self.bake(rival, _FIRST_SAMPLES, 901)  # Kernels are loaded, and files read.
-        short = Timing(_FIRST_SAMPLES, self.bake(rival, _FIRST_SAMPLES, 902)[1])
+        short = Timing(_FIRST_SAMPLES, self.bake(rival, _FIRST_SAMPLES, 902)[1].seconds)
         samples = max(samples_for(_SECOND_SHARE * seconds, Timing(0, 0.0), short), 2 * _FIRST_SAMPLES)
-        return samples_for(seconds, short, Timing(samples, self.bake(rival, samples, 903)[1]))
+        return samples_for(seconds, short, Timing(samples, self.bake(rival, samples, 903)[1].seconds))
 
 
 def open_room(source: SceneSource, size: int, threads: int) -> Room:
@@ -177,9 +183,9 @@ def measure(room: Room, rivals: Sequence[str], seconds: float, seeds: int) -> di
     found = {rival: Bakes(room.samples(rival, seconds)) for rival in rivals}
     for seed in range(1, seeds + 1):
         for rival, bakes in found.items():
-            image, taken, bakes.said = room.bake(rival, bakes.samples, seed)
+            image, spent, bakes.said = room.bake(rival, bakes.samples, seed)
             bakes.images.append(image)
-            bakes.seconds.append(taken)
+            bakes.spent.append(spent)
     return found
 
 
@@ -192,22 +198,25 @@ def better_cycles(of_room: Mapping[str, Figures]) -> Figures | None:
 def error_table(found: Mapping[str, Mapping[str, Figures]]) -> str:
     """A line for each room and rival, and geometric means over rooms of what is over the better Cycles."""
     rows: list[list[float | int | str | None]] = []
-    ratios: dict[str, list[float]] = {}
+    ratios: dict[str, list[tuple[float, float]]] = {}
     for room, of_room in found.items():
         better = better_cycles(of_room)
         for rival, one in of_room.items():
-            ratio = None if better is None or rival in CYCLES_RIVALS else one.times_better(better)
-            if ratio is not None:
-                ratios.setdefault(rival, []).append(ratio)
+            ratio = by_processor = None
+            if better is not None and rival not in CYCLES_RIVALS:
+                ratio, by_processor = one.times_better(better), one.times_better_by_processor(better)
+                ratios.setdefault(rival, []).append((ratio, by_processor))
             rows.append([
                 room, rival, one.samples, one.seconds, one.error.total, one.error.variance, one.error.bias_squared,
-                f"{one.difference:+.2%} ± {one.standard_error:.2%}", ratio,
+                f"{one.difference:+.2%} ± {one.standard_error:.2%}", ratio, by_processor,
             ])  # fmt: skip
     rows += [
-        ["geometric mean", rival, None, None, None, None, None, "", geometric_mean(of_rival)]
+        ["geometric mean", rival, None, None, None, None, None, "", *map(geometric_mean, zip(*of_rival, strict=True))]
         for rival, of_rival in ratios.items()
     ]
-    header = ("room", "rival", "samples", "seconds", "total", "variance", "bias^2", "mean", "times better")
+    header = (
+        "room", "rival", "samples", "seconds", "total", "variance", "bias^2", "mean", "times better", "by processor",
+    )  # fmt: skip
     return table(header, rows)
 
 

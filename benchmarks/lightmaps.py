@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,13 @@ _NOTHING = -1.0
 _BESIDE = -2.0
 
 
+class Spent(NamedTuple):
+    """What a bake took [s]: of Blender's operator, export and all, and of all threads of this process."""
+
+    seconds: float
+    processor_seconds: float
+
+
 @dataclass(frozen=True)
 class Lightmap:
     """An object of the open scene whose materials are baked to an image."""
@@ -31,13 +38,13 @@ class Lightmap:
     item: Any
     image: Any
 
-    def bake(self, scene: Any) -> tuple[Float32Array, float]:
+    def bake(self, scene: Any) -> tuple[Float32Array, Spent]:
         """Bake direct and indirect diffuse light, without colour, by the scene's engine.
 
         Returns
         -------
         texels : float32 (N, 3), those that faces have
-        seconds : float, of Blender's operator: export and all
+        spent : Spent
 
         Raises
         ------
@@ -48,18 +55,18 @@ class Lightmap:
 
         self.image.pixels.foreach_set(np.full(len(self.image.pixels), _NOTHING, np.float32))
         _select([self.item])
-        start = time.monotonic()
+        start, processor_start = time.monotonic(), time.process_time()
         ended = bpy.ops.object.bake(
             type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, margin=0, use_clear=False,
             use_selected_to_active=False, target="IMAGE_TEXTURES", save_mode="INTERNAL",
         )  # fmt: skip
-        seconds = time.monotonic() - start
+        spent = Spent(time.monotonic() - start, time.process_time() - processor_start)
         if ended != {"FINISHED"}:
             raise RuntimeError(f"{scene.render.engine} has not baked {self.item.name!r}: {ended}")
         values = np.empty(len(self.image.pixels), np.float32)
         self.image.pixels.foreach_get(values)
         texels = values.reshape(-1, 4)
-        return np.ascontiguousarray(texels[texels[:, 3] != _NOTHING, :3]), seconds
+        return np.ascontiguousarray(texels[texels[:, 3] != _NOTHING, :3]), spent
 
 
 def make_lightmap(scene: Any, size: int) -> Lightmap:

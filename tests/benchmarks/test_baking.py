@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.baking import Bakes, Figures, Timing, better_cycles, error_table, figures, mean_difference, samples_for
-from benchmarks.lightmaps import make_lightmap
+from benchmarks.lightmaps import Spent, make_lightmap
 from benchmarks.total_error import TotalError
 
 
@@ -29,7 +29,7 @@ def _bakes(level: float, deviation: float, seconds: float, seed: int) -> Bakes:
     images = [
         (level + deviation * rng.standard_normal((1, 60000, 3))).astype(np.float32) for _ in range(3)
     ]
-    return Bakes(64, [seconds] * 3, images)
+    return Bakes(64, [Spent(seconds, 1.5 * seconds)] * 3, images)
 
 
 def test_errors_and_seconds_make_times_better() -> None:
@@ -38,6 +38,7 @@ def test_errors_and_seconds_make_times_better() -> None:
     theirs = figures(_bakes(1.0, 0.4, 10.0, 3), references)
     ours = figures(_bakes(1.003, 0.1, 20.0, 4), references)
     assert ours.times_better(theirs) == pytest.approx(8.0, rel=0.03)
+    assert ours.times_better_by_processor(theirs) == pytest.approx(ours.times_better(theirs))
     assert ours.difference == pytest.approx(0.003, abs=4.0 * ours.standard_error)
     error = math.hypot(0.1 / 3.0, 0.01 / math.sqrt(6.0)) / math.sqrt(60000)
     assert ours.standard_error == pytest.approx(error, rel=0.1)
@@ -50,7 +51,7 @@ def test_means_are_of_texels_and_channels() -> None:
 
 
 def _figures(total: float, seconds: float) -> Figures:
-    return Figures(64, seconds, TotalError(total, total, 0.0, 0.0), 0.0, 0.0, [])
+    return Figures(64, seconds, 2.0 * seconds, TotalError(total, total, 0.0, 0.0), 0.0, 0.0, [])
 
 
 def test_the_better_cycles_counts() -> None:
@@ -60,7 +61,7 @@ def test_the_better_cycles_counts() -> None:
     }
     better = better_cycles(rooms["first"])
     assert better is not None and better.seconds == 22.0
-    last = [line.split("|")[-2].strip() for line in error_table(rooms).splitlines()[2:]]
+    last = [line.split("|")[-3].strip() for line in error_table(rooms).splitlines()[2:]]
     assert last == ["-", "-", "3.3", "-", "-", "12", f"{math.sqrt(3.3 * 12.0):.3g}"]
 
 
@@ -90,8 +91,8 @@ def test_what_looks_at_the_camera_is_baked(blender: Any) -> None:
     assert lightmap.item.name == "Floor"
     scene.render.engine, scene.cycles.samples = "CYCLES", 4
     scene.cycles.use_denoising = scene.cycles.use_adaptive_sampling = False
-    texels, seconds = lightmap.bake(scene)
-    assert seconds > 0.0
+    texels, spent = lightmap.bake(scene)
+    assert spent.seconds > 0.0 and spent.processor_seconds > 0.0
     assert 64 * 64 / 5 < len(texels) < 64 * 64
     # Nothing of what is seen turns away from the sun.
     assert np.median(texels) > 0.1 and (texels > 0.0).mean() > 0.9
