@@ -9,9 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.baking import Bakes, Figures, Timing, better_cycles, error_table, figures, mean_difference, samples_for
+from benchmarks.baking import (
+    Bakes,
+    Error,
+    Figures,
+    Timing,
+    better_cycles,
+    error_of,
+    error_table,
+    figures,
+    mean_difference,
+    samples_for,
+)
 from benchmarks.lightmaps import Spent, make_lightmap
-from benchmarks.total_error import TotalError
 
 
 @pytest.mark.parametrize(("beside", "each"), [(1.5, 0.04), (0.0, 0.2)])
@@ -44,6 +54,17 @@ def test_errors_and_seconds_make_times_better() -> None:
     assert ours.standard_error == pytest.approx(error, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("bias", "deviation", "of_references"), [(0.1, 0.05, 0.01), (0.05, 0.03, 0.2), (0.0, 0.1, 0.2)]
+)
+def test_noise_of_references_is_in_no_error(bias: float, deviation: float, of_references: float) -> None:
+    first, second = (_bakes(1.0, of_references, 1.0, seed).images[0] for seed in (5, 6))
+    found = error_of(_bakes(1.0 + bias, deviation, 1.0, 7).images, (first, second))
+    assert found.variance == pytest.approx(deviation**2 / 1.01, rel=0.1)
+    assert found.bias_squared == pytest.approx(bias**2 / 1.01, abs=6e-4)
+    assert found.total == pytest.approx(found.variance + max(found.bias_squared, 0.0))
+
+
 def test_means_are_of_texels_and_channels() -> None:
     images = [np.full((1, 4, 3), value, np.float32) for value in (1.0, 1.2)]
     difference, _ = mean_difference(images, [np.ones((1, 4, 3), np.float32)] * 2)
@@ -51,7 +72,7 @@ def test_means_are_of_texels_and_channels() -> None:
 
 
 def _figures(total: float, seconds: float) -> Figures:
-    return Figures(64, seconds, 2.0 * seconds, TotalError(total, total, 0.0, 0.0), 0.0, 0.0, [])
+    return Figures(64, seconds, 2.0 * seconds, Error(total, 0.0), 0.0, 0.0, [])
 
 
 def test_the_better_cycles_counts() -> None:
