@@ -81,7 +81,9 @@ class Error:
         return self.variance + max(self.bias_squared, 0.0)
 
 
-def error_of(images: Sequence[Float32Array], references: tuple[Float32Array, Float32Array]) -> Error:
+def error_of(
+    images: Sequence[Float32Array], references: tuple[Float32Array, Float32Array], brightness: Float32Array
+) -> Error:
     """Error of bakes of independent seeds.
 
     References may be noisier than what is measured. So the variance is taken from seeds alone, and the squared bias is
@@ -92,15 +94,16 @@ def error_of(images: Sequence[Float32Array], references: tuple[Float32Array, Flo
     ----------
     images, references : float (1, N, 3)
         Independent of each other.
+    brightness : float (1, N, 3)
+        What errors are relative to, less noisy than references.
     """
     first, second = (np.asarray(reference, np.float64) for reference in references)
-    truth = 0.5 * (first + second)
     stack = np.stack([np.asarray(image, np.float64) for image in images])
     mean, noise = stack.mean(axis=0), stack.var(axis=0, ddof=1) / len(stack)
-    scale = truth**2 + EPSILON * image_scale(truth) ** 2
+    scale = np.asarray(brightness, np.float64) ** 2 + EPSILON * image_scale(brightness) ** 2
     products = np.sort((((mean - first) * (mean - second) - noise) / scale).mean(axis=-1), axis=None)
     cut = int(np.ceil(products.size * TRIMMED_FRACTION))
-    variance = seed_variance(images, truth, least_seeds=2).trimmed
+    variance = seed_variance(images, brightness, least_seeds=2).trimmed
     return Error(variance, float(products[cut : products.size - cut].mean()))
 
 
@@ -138,19 +141,28 @@ def mean_difference(images: Sequence[Float32Array], theirs: Sequence[Float32Arra
     return float(difference[0]), float(error[0])
 
 
-def figures(bakes: Bakes, references: Mapping[str, Sequence[Float32Array]]) -> Figures:
+def least_noisy(found: Mapping[str, Bakes], brightness: Float32Array) -> Float32Array:
+    """Mean over seeds of the rival whose seeds differ least, relative to some brightness."""
+    best = min(found.values(), key=lambda one: seed_variance(one.images, brightness, least_seeds=2).trimmed)
+    return np.mean(np.stack(best.images), axis=0)
+
+
+def figures(
+    bakes: Bakes, references: Mapping[str, Sequence[Float32Array]], brightness: Float32Array
+) -> Figures:
     """Figures of a rival's bakes.
 
     Parameters
     ----------
     references : {rival: two halves of its long bake}
+    brightness : see `error_of`
     """
     first, second = (np.mean(np.stack(references[name]), axis=0) for name in REFERENCES)
     difference, error = mean_difference(bakes.images, references["cycles"])
     seconds, processor_seconds = np.mean(bakes.spent, axis=0)
+    relative = error_of(bakes.images, (first, second), brightness)
     return Figures(
-        bakes.samples, float(seconds), float(processor_seconds), error_of(bakes.images, (first, second)), difference,
-        error, bakes.said,
+        bakes.samples, float(seconds), float(processor_seconds), relative, difference, error, bakes.said
     )
 
 
@@ -281,7 +293,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if chosen.only_references:
                 continue
             bakes = measure(room, chosen.rivals, chosen.seconds, chosen.seeds)
-            found[room.name] = {rival: figures(some, references) for rival, some in bakes.items()}
+            for rival, some in bakes.items():
+                np.save(chosen.out / f"{room.name}_{rival}.npy", np.stack(some.images))
+            halves = [half for pair in references.values() for half in pair]
+            brightness = least_noisy(bakes, np.mean(np.stack(halves), axis=0))
+            found[room.name] = {rival: figures(some, references, brightness) for rival, some in bakes.items()}
             record = {"environment": describe(), "rooms": {
                 name: {rival: asdict(one) for rival, one in of_room.items()} for name, of_room in found.items()
             }}  # fmt: skip
