@@ -112,6 +112,7 @@ class Figures:
     """What a rival's bakes of one room came to.
 
     seconds, processor_seconds : float, means over seeds
+    error, of_lit : Error, of all texels, and of those in which a reference has found light
     difference, standard_error : float
         Of the mean over texels and channels, to that of Cycles' reference; and of its noise, that of the reference
         included, by texels.
@@ -121,6 +122,7 @@ class Figures:
     seconds: float
     processor_seconds: float
     error: Error
+    of_lit: Error
     difference: float
     standard_error: float
     said: list[str]
@@ -128,6 +130,10 @@ class Figures:
     def times_better(self, other: Figures) -> float:
         """Error of another at equal time over ours. Seconds differ a little, and errors fall as 1 / seconds."""
         return other.error.total * other.seconds / (self.error.total * self.seconds)
+
+    def times_better_where_lit(self, other: Figures) -> float:
+        """The same of texels that light comes to. Others lie within walls, and nobody sees them."""
+        return other.of_lit.total * other.seconds / (self.of_lit.total * self.seconds)
 
     def times_better_by_processor(self, other: Figures) -> float:
         """The same at equal seconds of all threads, whatever else the machine did."""
@@ -160,9 +166,13 @@ def figures(
     first, second = (np.mean(np.stack(references[name]), axis=0) for name in REFERENCES)
     difference, error = mean_difference(bakes.images, references["cycles"])
     seconds, processor_seconds = np.mean(bakes.spent, axis=0)
-    relative = error_of(bakes.images, (first, second), brightness)
+    is_lit = (first + second).sum(axis=(0, 2)) > 0.0
+    whole, lit = (
+        error_of([image[:, some] for image in bakes.images], (first[:, some], second[:, some]), brightness[:, some])
+        for some in (np.ones_like(is_lit), is_lit)
+    )
     return Figures(
-        bakes.samples, float(seconds), float(processor_seconds), relative, difference, error, bakes.said
+        bakes.samples, float(seconds), float(processor_seconds), whole, lit, difference, error, bakes.said
     )
 
 
@@ -245,24 +255,27 @@ def better_cycles(of_room: Mapping[str, Figures]) -> Figures | None:
 def error_table(found: Mapping[str, Mapping[str, Figures]]) -> str:
     """A line for each room and rival, and geometric means over rooms of what is over the better Cycles."""
     rows: list[list[float | int | str | None]] = []
-    ratios: dict[str, list[tuple[float, float]]] = {}
+    ratios: dict[str, list[list[float]]] = {}
     for room, of_room in found.items():
         better = better_cycles(of_room)
         for rival, one in of_room.items():
-            ratio = by_processor = None
+            times: list[Any] = [None] * 3
             if better is not None and rival not in CYCLES_RIVALS:
-                ratio, by_processor = one.times_better(better), one.times_better_by_processor(better)
-                ratios.setdefault(rival, []).append((ratio, by_processor))
+                times = [
+                    one.times_better(better), one.times_better_where_lit(better), one.times_better_by_processor(better)
+                ]
+                ratios.setdefault(rival, []).append(times)
             rows.append([
                 room, rival, one.samples, one.seconds, one.error.total, one.error.variance, one.error.bias_squared,
-                f"{one.difference:+.2%} ± {one.standard_error:.2%}", ratio, by_processor,
+                f"{one.difference:+.2%} ± {one.standard_error:.2%}", *times,
             ])  # fmt: skip
     rows += [
         ["geometric mean", rival, None, None, None, None, None, "", *map(geometric_mean, zip(*of_rival, strict=True))]
         for rival, of_rival in ratios.items()
     ]
     header = (
-        "room", "rival", "samples", "seconds", "total", "variance", "bias^2", "mean", "times better", "by processor",
+        "room", "rival", "samples", "seconds", "total", "variance", "bias^2", "mean", "times better", "where lit",
+        "by processor",
     )  # fmt: skip
     return table(header, rows)
 

@@ -51,10 +51,20 @@ def test_errors_and_seconds_make_times_better() -> None:
     assert (brightness == np.mean(bakes["AUTO"].images, axis=0)).all()
     theirs, ours = (figures(bakes[name], references, np.ones_like(brightness)) for name in bakes)
     assert ours.times_better(theirs) == pytest.approx(8.0, rel=0.03)
+    assert ours.times_better_where_lit(theirs) == pytest.approx(ours.times_better(theirs))
     assert ours.times_better_by_processor(theirs) == pytest.approx(ours.times_better(theirs))
     assert ours.difference == pytest.approx(0.003, abs=4.0 * ours.standard_error)
     error = math.hypot(0.1 / 3.0, 0.01 / math.sqrt(6.0)) / math.sqrt(60000)
     assert ours.standard_error == pytest.approx(error, rel=0.1)
+
+
+def test_texels_that_no_light_comes_to_count_apart() -> None:
+    """Of four texels one is black, and only there a bias: all light where there should be none."""
+    black = np.array([0.0, 1.0, 1.0, 1.0])[None, :, None] * np.ones((1, 4, 3), np.float32)
+    found = np.tile(black + np.array([0.3, 0.0, 0.0, 0.0])[None, :, None], (1, 500, 1))
+    black = np.tile(black, (1, 500, 1))
+    one = figures(Bakes(1, [Spent(1.0, 1.0)] * 2, [found, found]), dict.fromkeys(("OFF", "cycles"), [black] * 2), black)
+    assert one.error.bias_squared > 0.1 and one.of_lit.bias_squared == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +85,7 @@ def test_means_are_of_texels_and_channels() -> None:
 
 
 def _figures(total: float, seconds: float) -> Figures:
-    return Figures(64, seconds, 2.0 * seconds, Error(total, 0.0), 0.0, 0.0, [])
+    return Figures(64, seconds, 2.0 * seconds, Error(total, 0.0), Error(total, 0.0), 0.0, 0.0, [])
 
 
 def test_the_better_cycles_counts() -> None:
@@ -85,7 +95,7 @@ def test_the_better_cycles_counts() -> None:
     }
     better = better_cycles(rooms["first"])
     assert better is not None and better.seconds == 22.0
-    last = [line.split("|")[-3].strip() for line in error_table(rooms).splitlines()[2:]]
+    last = [line.split("|")[-4].strip() for line in error_table(rooms).splitlines()[2:]]
     assert last == ["-", "-", "3.3", "-", "-", "12", f"{math.sqrt(3.3 * 12.0):.3g}"]
 
 
