@@ -7,6 +7,7 @@ The panels are Cycles' own (`addon.ui`), and so is the type that is baked, `bake
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from .bake_overlaps import BakedUvs
 from .bake_pictures import BakePicture, bake_picture
+from .figures import log_figures
 from .passes import write_pass
 from .progress import TerminalBar
 from .properties import render_settings
@@ -95,7 +97,7 @@ class ObjectBake:
         scene = depsgraph.scene_eval
         self._settings = bake_settings(render_settings(scene), picture)
         self._view = _view_of(scene, picture)
-        self._name = baked.name
+        self._name, self._frame = baked.name, scene.frame_current
         self._uvs = BakedUvs(baked)
         self._description: SceneDescription | None = self._export(depsgraph)
         self._instance = -1
@@ -159,6 +161,7 @@ class ObjectBake:
         """Pixels, float32 (H, W, 4), of the samples that there are if the user has cancelled; None of none."""
         from engine.render.session import LoadCancelled
 
+        start = time.monotonic()
         height, width = bake.triangles.shape
         x0, y0, x1, y1 = region = bake.region
         frame = dataclasses.replace(
@@ -179,6 +182,7 @@ class ObjectBake:
         if result.report.cancelled and not result.report.sample_count:
             return None
         self._show(result.report.notices)
+        log_figures(f"Bake {self._name}", self._frame, time.monotonic() - start, result.report)
         pixels = self._picture.background(height, width)
         pixels[y0:y1, x0:x1] = self._picture.compose(result.passes)
         return pixels

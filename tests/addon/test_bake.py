@@ -79,6 +79,12 @@ def test_what_needs_no_light_is_that_of_cycles(plane: Any, kind: str) -> None:
     assert ours[COVERED].max() > 0.1
 
 
+def test_what_a_bake_came_to_is_logged(plane: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, _, image = plane
+    bake(scene, image, "NEURALGUIDE", "EMIT", 2)
+    assert "NeuralGuide: Bake Plane, frame 1: finished in" in capsys.readouterr().err
+
+
 def test_uvs_are_baked(plane: Any) -> None:
     """Cycles has none here: it asks for the map once the mesh has been made."""
     scene, _, image = plane
