@@ -69,6 +69,7 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     triangles: list[np.ndarray] = []
     areas: list[np.ndarray] = []
     middles: list[np.ndarray] = []
+    octants: list[np.ndarray] = []
     for instance in np.flatnonzero(has_faces):
         mesh = meshes[table[instance, INSTANCE_MESH]]
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
@@ -82,9 +83,11 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
         triangles.append(np.arange(first, first + count, dtype=np.int32))
         corners = _corners(geometry, instance, triangles[-1])
         edges = corners[:, 1:] - corners[:, :1]
-        area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        normal = np.cross(edges[:, 0], edges[:, 1])
+        area = 0.5 * np.linalg.norm(normal, axis=1)
         areas.append(np.where(sharp & np.isfinite(area), area, 0.0))
         middles.append(corners.mean(axis=1))
+        octants.append((normal > 0.0) @ np.array([1, 2, 4]))
     if not rows or not sum(float(area.sum()) for area in areas) > 0.0:
         return no_casters(lights)
     area = np.concatenate(areas)
@@ -97,7 +100,7 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     return CasterArrays(
         first_row=first_row, instance=np.concatenate(rows), triangle=np.concatenate(triangles),
         first_piece=first_piece.astype(np.int32), level=level.astype(np.int32), row=row.astype(np.int32),
-        group=_groups(np.concatenate(middles)[row], level[row]),
+        group=_groups(np.concatenate(middles)[row], np.concatenate(octants)[row], level[row]),
         area=(area / 4.0**level)[row].astype(np.float32),
         instances=(np.where(stands, MAY_GATHER, 0) | casts).astype(np.uint8), lights=lights,
     )  # fmt: skip
@@ -120,13 +123,17 @@ def _corners(geometry: GeometryArrays, instance: int, triangles: np.ndarray) -> 
     return corners
 
 
-def _groups(middles: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Numbers of groups of pieces: those of a triangle that was divided are each one, others by where they lie.
+def _groups(middles: np.ndarray, octants: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Numbers of groups of pieces: those of a triangle that was divided are each one, others by place and normal.
+
+    The two faces of a pane lie together, and one of them sees the lamp.
 
     Parameters
     ----------
     middles : float64 (P, 3)
         Of the pieces' triangles [m].
+    octants : int64 (P,)
+        Of their normals, below 8.
     level : int64 (P,)
         How often these were divided.
     """
@@ -139,7 +146,7 @@ def _groups(middles: np.ndarray, level: np.ndarray) -> np.ndarray:
             cells *= 2
             place = np.minimum((middles[whole] - low) / max(extent, 1e-30) * cells, cells - 1).astype(np.int64)
             found = np.unique(place @ np.array([1, cells, cells * cells]), return_inverse=True)[1].reshape(-1)
-        groups[whole] = len(middles) + found
+        groups[whole] = len(middles) + 8 * found + octants[whole]
     return np.unique(groups, return_inverse=True)[1].reshape(-1).astype(np.int32)
 
 
