@@ -140,6 +140,13 @@ def share_of_scattering(bsdf_pdf, light_pdf):
 
 
 @kernel
+def share_beside_photons(scene, work, lane, density):
+    """MIS weight of light that a path finds, and photons that begin with this density, PHOTON_DENSITY."""
+    expected = expected_photons(work.photons.ratio[lane], density, scene.photons.numbers)
+    return np.float32(1.0) / (np.float32(1.0) + expected)
+
+
+@kernel
 def share_of_path(scene, work, lane, pdf, cosine):
     """MIS weight of light that a path has found which photons may find too.
 
@@ -154,5 +161,4 @@ def share_of_path(scene, work, lane, pdf, cosine):
     density = pdf * work.photons.place_density[lane] / cosine
     if not work.paths.flags[lane] & RAY_SINGULAR:
         density *= share_of_scattering(work.paths.unguided_pdf[lane], pdf)
-    expected = expected_photons(work.photons.ratio[lane], density, scene.photons.numbers)
-    return np.float32(1.0) / (np.float32(1.0) + expected)
+    return share_beside_photons(scene, work, lane, density)

@@ -8,7 +8,12 @@ that have begun there find the same light, and are weighed against both (`engine
 import numpy as np
 
 from engine.kernels.caster_pieces import start_at
-from engine.kernels.caustics import expected_photons, receiver_on_caster, sends_photons_on, share_of_scattering
+from engine.kernels.caustics import (
+    receiver_on_caster,
+    sends_photons_on,
+    share_beside_photons,
+    share_of_scattering,
+)
 from engine.kernels.lights import background_pdf, distant_lamp_pdf, lamp_pdf, tree_of_receiver, triangle_emitter_pdf
 from engine.kernels.path import real_3
 from engine.kernels.vector import load
@@ -62,7 +67,7 @@ def leave_to_photons(scene, unit, work, queue):
     if not scene.photons.numbers[MAP_RADIUS] > 0.0:
         return
     paths, points, closures, samples, f_cos = work.paths, work.points, work.closures, work.samples, work.f_cos
-    lights, photons = scene.casters.lights, work.photons
+    lights = scene.casters.lights
     lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
@@ -86,7 +91,6 @@ def leave_to_photons(scene, unit, work, queue):
             continue
         density = pdf * scene.photons.place_density[start] / cosine
         density *= share_of_scattering(samples.bsdf_pdf[lane], pdf)
-        expected = expected_photons(photons.ratio[lane], density, scene.photons.numbers)
-        share = np.float32(1.0) / (np.float32(1.0) + expected)
+        share = share_beside_photons(scene, work, lane, density)
         for c in range(len(paths.channels)):
             f_cos[lane, c] *= share

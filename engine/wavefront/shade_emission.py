@@ -154,6 +154,6 @@ def shade_emission(scene, unit, work, queue):
         if options.filter_glossy > 0.0:
             # Cycles' Filter Glossy: behind a blurry bounce lobes are made at least this rough, to tame caustics.
             blur = paths.min_pdf[lane] / options.filter_glossy
-            # Nor what photons go on by, where there are some: they know nothing of blurring.
+            # Where there are photons, lobes that send them on stay sharp: photons know nothing of blurring.
             if blur < 1.0 and (options.blurs_delta != 0 or not sends_photons_on(closures, lane)):
                 blur_glossy(closures, lane, math.sqrt(1.0 - blur) * 0.5, options.blurs_delta)
