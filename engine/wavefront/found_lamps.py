@@ -8,13 +8,12 @@ from engine.kernels.clamping import found_alone
 from engine.kernels.constants import DISTANT, FAR
 from engine.kernels.lights import (
     Receiver,
+    any_lamp_pdf,
     distant_lamp_is_hit,
     distant_lamp_leaving,
-    distant_lamp_pdf,
     lamp_emitter,
     lamp_hit,
     lamp_leaving,
-    lamp_pdf,
     tree_of_ray,
 )
 from engine.kernels.media import attenuate
@@ -70,11 +69,7 @@ def share_of_lamp(scene, work, lane, row, wi, distance):
     """What a path counts of a lamp that photons find too; `distance` as `distance_to_lamp` says [m]."""
     lights = scene.casters.lights
     asking, cosine = caster_receiver(work.paths, lane, lights)
-    if row < lights.header[HEADER_HITTABLE]:
-        pdf = lamp_pdf(lights, row, asking, wi, distance)
-    else:
-        pdf = distant_lamp_pdf(lights, row, asking, wi)
-    return share_of_path(scene, work, lane, pdf, cosine)
+    return share_of_path(scene, work, lane, any_lamp_pdf(lights, row, asking, wi, distance), cosine)
 
 
 @kernel
@@ -91,10 +86,7 @@ def weigh_lamp(scene, work, lane, row, origin, wi, distance):
         tree = tree_of_ray(lights, flags)
         had_transmission = (flags & RAY_MIS_HAD_TRANSMISSION) != 0
         receiver = Receiver(origin, load(paths.mis_normal, lane), had_transmission, False, tree)
-        if is_local:
-            pdf = lamp_pdf(lights, row, receiver, wi, distance)
-        else:
-            pdf = distant_lamp_pdf(lights, row, receiver, wi)
+        pdf = any_lamp_pdf(lights, row, receiver, wi, distance)
         weight, unguided = weigh_found(options, lights, paths, lane, lamp_emitter(lights, tree, row), False, pdf)
         factor *= weight
     return factor, unguided

@@ -14,7 +14,7 @@ from engine.kernels.caustics import (
     share_beside_photons,
     share_of_scattering,
 )
-from engine.kernels.lights import background_pdf, distant_lamp_pdf, lamp_pdf, tree_of_receiver, triangle_emitter_pdf
+from engine.kernels.lights import any_lamp_pdf, background_pdf, tree_of_receiver, triangle_emitter_pdf
 from engine.kernels.path import real_3
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
@@ -24,7 +24,6 @@ from engine.state.lights import (
     EMITTER_KIND,
     EMITTER_LAMP,
     EMITTER_TRIANGLE,
-    HEADER_HITTABLE,
     LIGHT_BACKGROUND,
     LIGHT_TRIANGLE,
 )
@@ -50,9 +49,7 @@ def _pdf_of_photons(lights, geometry, asking, emitter, wi, distance, time):
     if kind == LIGHT_BACKGROUND:
         return background_pdf(lights, asking.tree, asking.p, asking.n, False, False, wi)
     row = np.int64(lights.emitters[emitter, EMITTER_LAMP])
-    if row < lights.header[HEADER_HITTABLE]:
-        return lamp_pdf(lights, row, asking, wi, distance)
-    return distant_lamp_pdf(lights, row, asking, wi)
+    return any_lamp_pdf(lights, row, asking, wi, distance)
 
 
 @kernel

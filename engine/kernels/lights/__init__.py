@@ -2,6 +2,7 @@
 """Samples lights: the tree that picks an emitter, and one file per shape with its sample, pdf and hit."""
 
 from engine.kernels.lights.lamps import (
+    any_lamp_pdf,
     distant_lamp_is_hit,
     distant_lamp_leaving,
     distant_lamp_pdf,
@@ -55,6 +56,7 @@ __all__ = [
     "Choice",
     "LightSample",
     "Receiver",
+    "any_lamp_pdf",
     "ask_for_cell",
     "background_emitter",
     "background_pdf",

@@ -30,6 +30,7 @@ from engine.state.lights import (
     EMITTER_LAMP,
     EMITTER_PROGRAM,
     EMITTER_VISIBILITY,
+    HEADER_HITTABLE,
     LAMP_FLAG_MIS,
     LAMP_FLAG_SHADOW,
     LAMP_FLAGS,
@@ -150,3 +151,11 @@ def distant_lamp_pdf(lights, row, receiver, wi):
     """As `lamp_pdf`, of a lamp that is infinitely far away."""
     pdf = _pdf_of_distant(lights.lamp_table[row, LAMP_KIND], lights, row, receiver, wi, FAR)
     return pdf * _choice_pmf(lights, row, receiver)
+
+
+@kernel
+def any_lamp_pdf(lights, row, receiver, wi, distance):
+    """As `lamp_pdf`, of any lamp; the distance of one that is infinitely far away does not count."""
+    if row < lights.header[HEADER_HITTABLE]:
+        return lamp_pdf(lights, row, receiver, wi, distance)
+    return distant_lamp_pdf(lights, row, receiver, wi)
