@@ -27,8 +27,14 @@ def cell_of(p, inverse_cell):
 
 @kernel
 def bucket_of(x, y, z, mask):
-    """Bucket of a cell; `mask` is their number, a power of two, less 1."""
-    return (x * np.int64(73856093) ^ y * np.int64(19349663) ^ z * np.int64(83492791)) & mask
+    """Bucket of a cell; `mask` is their number, a power of two, less 1.
+
+    Cells of a block of 4 x 4 x 4 lie next to each other, those of 2 x 2 x 2 too, since who asks for one asks for its
+    neighbours.
+    """
+    block = (x >> 2) * np.int64(73856093) ^ (y >> 2) * np.int64(19349663) ^ (z >> 2) * np.int64(83492791)
+    small = x & 1 | (y & 1) << 1 | (z & 1) << 2
+    return (block << 6 | (x & 2) << 2 | (y & 2) << 3 | (z & 2) << 4 | small) & mask
 
 
 @kernel

@@ -18,6 +18,7 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
+from engine.render.photon_radius import best_radius, radius_of_neighbours
 from engine.render.photon_starts import Starts
 from engine.state.photons import (
     GATHERED_ONE_IN,
@@ -37,23 +38,18 @@ from engine.state.photons import (
 
 #: Photons for each path that goes by their map, and least and most of a map. The first map has fewer, since a trial may
 #: find that none are worth their time.
-_PHOTONS_PER_PATH = 2.0
+_PHOTONS_PER_PATH = 1.0
 _FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
 #: Samples of a pixel that go by one map, at most.
 _MOST_SAMPLES = 16
-#: Photons within the first radius.
+#: Photons within the radius of the first map.
 _FIRST_NEIGHBOURS = 16
-#: The first radius is at most this many times a pixel's: where few photons arrive, paths find what they lack.
+#: Radii are at most this many times a pixel's: where few photons arrive, paths find what they lack.
 _MOST_PIXELS = 6.0
-#: Photons whose neighbours tell the first radius.
-_ASKED = 256
 #: Maps that are kept: tiles are not all at the same sample.
 _KEPT = 3
-#: Radius where too few photons arrive to tell, over the square root of the casters' area.
-_LARGE = 0.05
-
 #: Sends off photons, which begin as a map without any says: from the first, so many; what arrives is float32
 #: (F, PHOTON_WIDTH), or None: it was stopped.
 SendOff = Callable[[PhotonMap, int, int], Float32Array | None]
@@ -87,9 +83,11 @@ def map_of_sample(sample: int) -> int:
 class _Growing:
     """A map in the making.
 
-    first, count : int, its photons; radius : float or None, to be found [m]
+    number : int; first, count : int, its photons
+    radius : float or None, to be found [m]
     """
 
+    number: int
     first: int
     count: int
     radius: float | None
@@ -119,12 +117,14 @@ class PhotonMaps:
         self._starts = Starts(casters)
         #: Say with what densities photons begin: those of the first map, before anything is known all over the casters,
         #: and those of all others.
-        self._first_begins = self._begins = self._starts.at_first()
+        self._first_begins = self._starts.at_first()
+        self._begins: PhotonMap | None = None
         #: By how much paths alone would be noisier, 0 where photons are given up; None: it is not known.
         self.gain: float | None = None
         self._trial = threading.Lock()
         self._maps: dict[int, _Growing] = {}
-        self._first_radius: float | None = None
+        #: Of the second map, from which on radii shrink [m].
+        self._best_radius: float | None = None
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
@@ -142,7 +142,7 @@ class PhotonMaps:
                 self._first_begins = self._starts.at_first(self._seen)
         if self._pixel_radius is None:
             return None
-        if self._first_radius is None and self._made(0, send_off) is None:
+        if self._begins is None and self._made(0, send_off) is None:
             return None
         if self._is_tried and self.gain is None:
             first = self._made(0, send_off)
@@ -154,6 +154,8 @@ class PhotonMaps:
             if self.gain == 0.0:
                 self._maps.clear()
                 return NO_PHOTONS
+        if sample > 0 and self._best_radius is None and self._made(1, send_off) is None:
+            return None
         return self._made(map_of_sample(sample), send_off)
 
     def _photons_of(self, number: int) -> int:
@@ -164,14 +166,15 @@ class PhotonMaps:
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
         count, radius = self._photons_of(number), None
-        if number > 0:
-            assert self._first_radius is not None
+        if number > 1:
+            assert self._best_radius is not None
             # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
-            radius = self._first_radius * ((first + count) / self._photons_of(1)) ** (-1.0 / 6.0)
-        return _Growing(first, count, radius)
+            shrunk = ((first + count) / (self._photons_of(0) + self._photons_of(1))) ** (-1.0 / 6.0)
+            radius = shrunk * self._best_radius
+        return _Growing(number, first, count, radius)
 
     def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
-        begins = self._begins if number > 0 else self._first_begins
+        begins = self._begins if number > 0 and self._begins is not None else self._first_begins
         with self._changed:
             growing = self._maps.get(number)
             if growing is None:
@@ -201,32 +204,19 @@ class PhotonMaps:
     def _finish(self, growing: _Growing, begins: PhotonMap) -> PhotonMap:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
-        if growing.radius is not None:
-            return make_map(photons, growing.count, growing.radius, begins)
-        radius = _first_radius(photons, float(self._casters.area.sum()))
-        made = make_map(photons, growing.count, self._at_most(radius), begins)
-        if self._first_radius is None:
+        radius, area = growing.radius, float(self._casters.area.sum())
+        if growing.number == 0:
+            radius = self._at_most(radius_of_neighbours(photons, _FIRST_NEIGHBOURS, area))
+        elif growing.number == 1:
+            self._best_radius = radius = self._at_most(best_radius(photons, area))
+        assert radius is not None
+        made = make_map(photons, growing.count, radius, begins)
+        if self._begins is None:
             self._begins = self._starts.by_light(self._seen, made, growing.count)
-            # That of as many neighbours among as many photons as a sample has from then on.
-            self._first_radius = self._at_most(radius * math.sqrt(growing.count / self._photons_of(1)))
         return made
 
     def _at_most(self, radius: float) -> float:
         return min(radius, _MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
-
-
-def _first_radius(photons: Float32Array, caster_area: float) -> float:
-    """Median distance of photons to the last of so many neighbours [m]."""
-    neighbours = min(_FIRST_NEIGHBOURS, len(photons) - 1)
-    places = photons[:, PHOTON_P : PHOTON_P + 3].astype(np.float64)
-    if neighbours < 1:
-        return _LARGE * math.sqrt(caster_area)
-    asked = places[:: max(len(places) // _ASKED, 1)]
-    distances = [
-        np.partition(((places - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked
-    ]
-    radius = math.sqrt(float(np.median(distances)))
-    return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
 
 
 def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonMap) -> PhotonMap:
@@ -239,7 +229,7 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     radius : float [m]
     begins : PhotonMap, one without photons that says how these began
     """
-    buckets = 1 << max(len(photons) - 1, 1).bit_length()
+    buckets = 1 << max(len(photons) // 2, 1).bit_length()
     numbers = np.zeros(MAP_NUMBERS, np.float32)
     disc = math.pi * radius * radius
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
@@ -250,4 +240,5 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
     in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)
-    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, in_order)
+    places = np.ascontiguousarray(in_order[:, PHOTON_P : PHOTON_P + 3])
+    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, places, in_order)

@@ -18,6 +18,8 @@ _EVERYWHERE, _SEEN, _LIT, _BOTH = 0.1, 0.15, 0.15, 0.6
 _EVERYWHERE_AT_FIRST = 0.25
 #: Of how many photons' worth is what is known of a whole side of an object, when a group of pieces is judged.
 _PRIOR = 4.0
+#: Bounds on the relative variance of how often groups of one side of an object are looked for lamps from.
+_DIFFER = (1e-3, 20.0)
 
 
 class Starts:
@@ -30,6 +32,8 @@ class Starts:
         instance = casters.instance[casters.row].astype(np.int64)
         self._object = (2 * instance[:, None] + sides).ravel()
         self._area_of_group = np.bincount(self._group, self.area)
+        self._object_of_group = np.zeros(len(self._area_of_group), np.int64)
+        self._object_of_group[self._group] = self._object
 
     def at_first(self, seen: Float32Array | None = None) -> PhotonMap:
         """A map without photons that says how they begin.
@@ -42,7 +46,7 @@ class Starts:
         probability = self.area / self.area.sum()
         if seen is not None and seen.any():
             probability *= _EVERYWHERE_AT_FIRST
-            probability += (1.0 - _EVERYWHERE_AT_FIRST) * self._by_area(self._per_area(seen))
+            probability += (1.0 - _EVERYWHERE_AT_FIRST) * self._by_area(self._looks(seen))
         return self._begins(probability)
 
     def by_light(self, seen: Float32Array, before: PhotonMap, emitted: int) -> PhotonMap:
@@ -67,7 +71,7 @@ class Starts:
         prior = np.bincount(self._group, of_object[self._object] * self.area) / np.maximum(self._area_of_group, 1e-30)
         of_group = np.bincount(self._group, brought) + _PRIOR * prior
         lit = (of_group / (np.bincount(self._group, begun) + _PRIOR))[self._group]
-        looks = self._per_area(seen)
+        looks = self._looks(seen)
         if not (lit * looks).any():
             return self.at_first(seen)
         probability = _EVERYWHERE * self.area / self.area.sum()
@@ -75,10 +79,21 @@ class Starts:
             probability += share * self._by_area(wanted)
         return self._begins(probability)
 
-    def _per_area(self, counts: Float32Array) -> FloatArray:
-        """Counts per area of each row's group: float64 (S,)."""
-        by_group: FloatArray = np.bincount(self._group, counts) / np.maximum(self._area_of_group, 1e-30)
-        return by_group[self._group]
+    def _looks(self, seen: Float32Array) -> FloatArray:
+        """The square root of how often paths look for lamps per area, of each row: float64 (S,).
+
+        Noise is least where photons go by the light they bring and the root of how often it is seen. A few paths meet
+        a group, or none does by chance: so what a group has is drawn towards the mean of its object's side, the more
+        the less groups differ beyond chance (gamma-Poisson shrinkage; Efron and Morris 1973).
+        """
+        counts = np.bincount(self._group, seen)
+        per_area = np.bincount(self._object, seen) / np.maximum(np.bincount(self._object, self.area), 1e-30)
+        expected = per_area[self._object_of_group] * self._area_of_group
+        differ = np.bincount(self._object_of_group, (counts - expected) ** 2 - expected)
+        differ /= np.maximum(np.bincount(self._object_of_group, expected**2), 1e-30)
+        shape = 1.0 / np.clip(differ, *_DIFFER)[self._object_of_group]
+        looks: FloatArray = np.sqrt(per_area[self._object_of_group] * (counts + shape) / (expected + shape))
+        return looks[self._group]
 
     def _by_area(self, per_area: FloatArray) -> FloatArray:
         """Probabilities of rows that go by something per area: float64 (S,)."""

@@ -31,7 +31,7 @@ BOUNCE_LIMIT = 2048
 
 #: Of the photons in a disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a pixel, go
 #: by others, so that noise has no blotches.
-GATHERED_ONE_IN = 4
+GATHERED_ONE_IN = 8
 
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
@@ -85,6 +85,7 @@ class PhotonMap(Bundle):
         Pieces have two rows each, their sides: that of the geometric normal, then the other.
     place_density : float32 (S,), with which they begin at a place of a piece, on that side [m^-2]
     starts : int32 (H + 1,), first photon of each bucket
+    places : float32 (P, 3), where they have arrived, which is asked for most
     photons : float32 (P, PHOTON_WIDTH)
     """
 
@@ -93,6 +94,7 @@ class PhotonMap(Bundle):
     cumulative: FloatArray
     place_density: Float32Array
     starts: Int32Array
+    places: Float32Array
     photons: Float32Array
 
 
@@ -138,5 +140,5 @@ def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray
         header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),
         cumulative=np.zeros(0, np.float64) if cumulative is None else cumulative,
         place_density=np.zeros(0, np.float32) if place_density is None else place_density, starts=np.zeros(2, np.int32),
-        photons=np.zeros((0, PHOTON_WIDTH), np.float32),
+        places=np.zeros((0, 3), np.float32), photons=np.zeros((0, PHOTON_WIDTH), np.float32),
     )  # fmt: skip

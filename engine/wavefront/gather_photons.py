@@ -45,7 +45,6 @@ from engine.state.photons import (
     PHOTON_DENSITY,
     PHOTON_GROUP,
     PHOTON_NG,
-    PHOTON_P,
     PHOTON_POWER,
     PHOTON_WI,
 )
@@ -82,7 +81,7 @@ def _add(options, paths, passes, lane, f_cos, group):
 def _gather(scene, work, lane):
     """Add what photons bring to a lane's surface."""
     grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
-    photons, numbers = grid.photons, grid.numbers
+    photons, places, numbers = grid.photons, grid.places, grid.numbers
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
     p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
     radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
@@ -99,8 +98,10 @@ def _gather(scene, work, lane):
         x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
         bucket = bucket_of(x, y, z, mask)
         first, last = np.int64(grid.starts[bucket]), np.int64(grid.starts[bucket + 1])
-        for row in range(first + (chosen - first) % GATHERED_ONE_IN, last, GATHERED_ONE_IN):
-            q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
+        # Each photon of a bucket is in one of its parts.
+        rows = last - first
+        for row in range(first + chosen * rows // GATHERED_ONE_IN, first + (chosen + 1) * rows // GATHERED_ONE_IN):
+            q = (places[row, 0], places[row, 1], places[row, 2])
             dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
             if dx * dx + dy * dy + dz * dz > squared:
                 continue

@@ -185,8 +185,9 @@ def keep_photons(scene, unit, work, queue):
             after = max(after, abs(paths.throughput[lane, c] * f_cos[lane, c] * factor))
         if not after > 0.0 or not math.isfinite(after):
             continue
-        # Photons of like power make smooth pictures: roulette keeps what they had.
-        survival = min(after / before, np.float32(1.0))
+        # Photons of like power make smooth pictures: roulette keeps what they had, but for what refraction takes and
+        # gives back where light comes out again.
+        survival = min(after * eta * eta / before, np.float32(1.0))
         if u3 >= survival:
             continue
         factor /= survival

@@ -11,6 +11,7 @@ import pytest
 
 from engine.array_types import Float32Array, FloatArray
 from engine.render.photon_maps import PhotonMaps
+from engine.render.photon_radius import MOST_NEIGHBOURS
 from engine.render.photon_starts import Starts
 from engine.state.photons import (
     MAP_RADIUS,
@@ -91,12 +92,32 @@ def test_without_light_they_begin_where_paths_look() -> None:
     np.testing.assert_array_equal(starts.by_light(seen, first, 100).place_density, first.place_density)
 
 
-def test_the_first_map_is_small_and_the_next_has_the_radius_of_as_many_neighbours() -> None:
+def test_where_few_paths_look_chance_tells_little() -> None:
+    """Of counts that differ by no more than chance has it the photons begin nearly evenly, where groups truly differ by
+    these.
+    """
+    starts, numbers = Starts(casters()), np.random.default_rng(5)
+
+    def spread(seen: FloatArray) -> float:
+        density = starts.at_first(seen.astype(np.float32)).place_density[:_PIECES]
+        return float(density.std() / density.mean())
+
+    by_chance = numbers.poisson(starts.area / _PER_GROUP * 2.0).astype(np.float64)
+    by_chance[_PIECES:] = 0.0
+    assert by_chance.max() >= 2.0 and spread(by_chance) < 0.1
+    truly = np.zeros(2 * _PIECES)
+    truly[:_PER_GROUP] = 200.0
+    # The root of how often they are seen is what photons go by.
+    assert spread(truly) > 1.0
+
+
+def test_the_first_map_is_small() -> None:
     """A trial may find that photons do not pay; what follows is as sharp as if it had not been small."""
 
     def send_off(_begins: PhotonMap, first: int, count: int) -> Float32Array:
         photons = np.zeros((count, PHOTON_WIDTH), np.float32)
         photons[:, PHOTON_P : PHOTON_P + 2] = np.random.default_rng(first).random((count, 2))
+        photons[:, PHOTON_POWER : PHOTON_POWER + 3] = 1.0
         return photons
 
     pixels = 200_000
@@ -108,11 +129,13 @@ def test_the_first_map_is_small_and_the_next_has_the_radius_of_as_many_neighbour
         assert found is not None
         return found
 
-    first, second = map_of(0), map_of(1)
-    assert len(first.photons) < len(second.photons) == 2 * pixels
-    radius = float(first.numbers[MAP_RADIUS])
+    # Whoever asks first for a later sample has the same radii.
+    third, first, second = map_of(2), map_of(0), map_of(1)
+    assert len(first.photons) < len(second.photons) == pixels
     # Sixteen neighbours within a disc.
-    assert len(first.photons) * np.pi * radius**2 == pytest.approx(16.0, rel=0.1)
-    shrunk = ((len(first.photons) + len(second.photons)) / len(second.photons)) ** (-1.0 / 6.0)
-    expected = radius * np.sqrt(len(first.photons) / len(second.photons)) * shrunk
-    assert second.numbers[MAP_RADIUS] == pytest.approx(expected, rel=1e-4)
+    assert len(first.photons) * np.pi * float(first.numbers[MAP_RADIUS]) ** 2 == pytest.approx(16.0, rel=0.1)
+    # The light is the same everywhere: as many as there may be.
+    radius = float(second.numbers[MAP_RADIUS])
+    assert pixels * np.pi * radius**2 == pytest.approx(MOST_NEIGHBOURS, rel=0.2)
+    counts = [len(first.photons), len(second.photons), len(third.photons)]
+    assert third.numbers[MAP_RADIUS] == pytest.approx(radius * (sum(counts) / sum(counts[:2])) ** (-1 / 6), rel=1e-4)

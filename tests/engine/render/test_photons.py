@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.kernels.hash_grid import bucket_of
 from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
@@ -54,8 +55,17 @@ def test_a_map_holds_each_photon_once_in_the_bucket_of_its_cell() -> None:
     starts, mask = grid.starts, int(grid.header[MAP_BUCKETS]) - 1
     assert starts[0] == 0 and starts[-1] == 500 and (np.diff(starts) >= 0).all()
     cells = np.floor(grid.photons[:, PHOTON_P : PHOTON_P + 3] * grid.numbers[MAP_INVERSE_CELL]).astype(np.int64)
-    buckets = (cells[:, 0] * 73856093 ^ cells[:, 1] * 19349663 ^ cells[:, 2] * 83492791) & mask
+    buckets = [bucket_of(*(np.int64(i) for i in cell), np.int64(mask)) for cell in cells]
     assert (np.searchsorted(starts, np.arange(500), side="right") - 1 == buckets).all()
+    np.testing.assert_array_equal(grid.places, grid.photons[:, PHOTON_P : PHOTON_P + 3])
+
+
+def test_cells_next_to_each_other_share_buckets_with_few() -> None:
+    """Of a block of 4 x 4 x 4 cells each has a bucket of its own, and eight that touch lie next to each other."""
+    block = np.array([[bucket_of(x, y, z, 4095) for x, y, z in np.ndindex(4, 4, 4)]]).ravel()
+    assert len(set(block)) == 64 and np.ptp(block) == 63
+    small = [bucket_of(x, y, z, 4095) for x, y, z in np.ndindex(2, 2, 2)]
+    assert np.ptp(small) == 7
 
 
 def test_a_mirror_lights_as_the_mirrored_lamp_does() -> None:
