@@ -30,7 +30,7 @@ from engine.state.geometry import (
     GeometryArrays,
 )
 from engine.state.lights import LightArrays
-from engine.state.photons import MAY_CAST, MAY_GATHER, CasterArrays, no_casters
+from engine.state.photons import MAY_CAST, MAY_GATHER, REFRACTS, CasterArrays, no_casters
 
 #: Pieces that casters of few triangles are divided into, about, and how often a triangle is.
 _PIECES = 1 << 11
@@ -39,7 +39,9 @@ _MOST_LEVELS = 6
 _GROUPS = 256
 
 
-def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: LightArrays) -> CasterArrays:
+def build_casters(
+    geometry: GeometryArrays, programs: Sequence[bool], refracts: Sequence[bool], lights: LightArrays
+) -> CasterArrays:
     """The triangles of all sharp surfaces that stand still, by their areas in the world.
 
     Parameters
@@ -47,6 +49,8 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     geometry : GeometryArrays
     programs : sequence of bool
         By program, whether photons may begin there.
+    refracts : sequence of bool
+        By program, whether light goes through its surfaces.
     lights : LightArrays
 
     Returns
@@ -70,6 +74,7 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     areas: list[np.ndarray] = []
     middles: list[np.ndarray] = []
     octants: list[np.ndarray] = []
+    through: list[int] = []
     for instance in np.flatnonzero(has_faces):
         mesh = meshes[table[instance, INSTANCE_MESH]]
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
@@ -79,6 +84,8 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
         if not sharp.any():
             continue
         first_row[instance] = sum(len(row) for row in rows)
+        if np.array(refracts, bool)[material].any():
+            through.append(int(instance))
         rows.append(np.full(count, instance, np.int32))
         triangles.append(np.arange(first, first + count, dtype=np.int32))
         corners = _corners(geometry, instance, triangles[-1])
@@ -97,6 +104,7 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     first_piece = np.where(has_pieces, np.cumsum(pieces) - pieces, -1)
     row = np.repeat(np.arange(len(area)), pieces)
     casts = np.where(first_row >= 0, MAY_CAST, 0)
+    casts[through] |= REFRACTS
     return CasterArrays(
         first_row=first_row, instance=np.concatenate(rows), triangle=np.concatenate(triangles),
         first_piece=first_piece.astype(np.int32), level=level.astype(np.int32), row=row.astype(np.int32),
@@ -172,7 +180,8 @@ class KeptCasters:
             return no_casters(lights)
         # Through what lets shadow rays pass, or casts no shadow, light samples bring the light already.
         casts = tuple(program.makes_caustics and not program.lets_through for program in programs.compiled)
-        key = meshes.geometry.version, casts
-        casters = self._kept.get(key, lambda: build_casters(geometry, casts, lights))
+        refracts = tuple(program.refracts for program in programs.compiled)
+        key = meshes.geometry.version, casts, refracts
+        casters = self._kept.get(key, lambda: build_casters(geometry, casts, refracts, lights))
         # Scattering finds nothing here that light samples leave to it.
         return casters._replace(lights=sampled_whole(lights))

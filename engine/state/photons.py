@@ -50,6 +50,8 @@ MAP_NUMBERS = 4
 # Bits of CasterArrays.instances
 MAY_CAST = 1
 MAY_GATHER = 2
+#: Photons go through a caster's surfaces.
+REFRACTS = 8
 
 
 class CasterArrays(Bundle):

@@ -48,12 +48,10 @@ from engine.state.photons import (
     PHOTON_POWER,
     PHOTON_WI,
 )
+from engine.wavefront.disc_tries import FLATNESS, SAME_SURFACE, tries_in_disc
 
-#: Cosine between normals from which on a photon has arrived at the same surface.
-_SAME_SURFACE = np.float32(0.5)
 _SUBSET_SEED = np.uint32(0x3C6EF372)
-#: How far off the plane of a surface its photons are, over the radius.
-_FLATNESS = np.float32(0.3)
+_DISC_SEED = np.uint32(0x5BD1E995)
 
 
 @kernel
@@ -94,6 +92,7 @@ def _gather(scene, work, lane):
     # Cells are twice as wide as the disc: eight hold it.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
     sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    tries = np.float32(0.0)
     for corner in range(8):
         x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
         bucket = bucket_of(x, y, z, mask)
@@ -108,10 +107,10 @@ def _gather(scene, work, lane):
             if cell_of(q, inverse_cell) != (x, y, z):
                 # Another cell that shares the bucket.
                 continue
-            if abs(dx * ng[0] + dy * ng[1] + dz * ng[2]) > _FLATNESS * radius:
+            if abs(dx * ng[0] + dy * ng[1] + dz * ng[2]) > FLATNESS * radius:
                 continue
             normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
-            if not abs(dot(normal, ng)) > _SAME_SURFACE:
+            if not abs(dot(normal, ng)) > SAME_SURFACE:
                 continue
             if not _is_of_path(scene.options, paths, lane, photons, row):
                 continue
@@ -123,6 +122,10 @@ def _gather(scene, work, lane):
             expected = expected_photons(ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
             alone = numbers[MAP_SCALE] / cosine
             factor = alone * expected / (np.float32(1.0) + expected)
+            if tries == 0.0:
+                seed = hash_combine(hashed ^ _DISC_SEED, np.uint32(paths.dimension[lane]))
+                tries = tries_in_disc(scene, work, lane, p, ng, radius, seed)
+            factor *= tries
             value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * photons[row, PHOTON_POWER]
             value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
             value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
