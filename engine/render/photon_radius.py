@@ -30,14 +30,14 @@ _COMPARED, _SMALLER = 128, 0.5
 _ASKED, _COUNTED = 512, 1 << 15
 #: Photons at whose places neighbours are counted, and the least number of these.
 _ASKED_FOR_NEIGHBOURS, _LEAST_NEIGHBOURS = 128, 8
-#: See `radius_of_neighbours`.
-_NEARER = 0.25
+#: See `radius_of_neighbours`; and this quantile of the normal distribution.
+_NEARER, _QUANTILE = 0.25, -0.6745
 #: Radius where too few photons arrive to tell, over the square root of the casters' area.
 _LARGE = 0.05
 
 
 def radius_of_neighbours(photons: Float32Array, neighbours: int, caster_area: float) -> float:
-    """Distance of photons to the last of so many neighbours [m], which a quarter of them have nearer.
+    """Radius of a disc that holds so many neighbours where a quarter of the photons lie more densely [m].
 
     Those that lie densely make bright light; the others may lie anywhere, and far outside of the picture.
 
@@ -57,7 +57,9 @@ def radius_of_neighbours(photons: Float32Array, neighbours: int, caster_area: fl
     among, neighbours = places[::one_in], neighbours // one_in
     asked = places[:: max(len(places) // _ASKED_FOR_NEIGHBOURS, 1)]
     distances = [np.partition(((among - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked]
-    radius = math.sqrt(float(np.quantile(distances, _NEARER)))
+    # That quantile of the gamma distribution, over its mean (Wilson and Hilferty 1931).
+    chance = (1.0 - 1.0 / (9.0 * neighbours) + _QUANTILE / (3.0 * math.sqrt(neighbours))) ** 3
+    radius = math.sqrt(float(np.quantile(distances, _NEARER)) / chance)
     return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
 
 
