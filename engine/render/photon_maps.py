@@ -27,6 +27,8 @@ from engine.state.photons import (
     MAP_HEADER_WIDTH,
     MAP_INVERSE_CELL,
     MAP_NUMBERS,
+    MAP_ONE_IN,
+    MAP_PIXELS,
     MAP_RADIUS,
     MAP_SCALE,
     PHOTON_P,
@@ -47,7 +49,9 @@ _MOST_SAMPLES = 16
 #: Photons within the radius of the first map.
 _FIRST_NEIGHBOURS = 16
 #: Radii are at most this many times a pixel's: where few photons arrive, paths find what they lack.
-_MOST_PIXELS = 6.0
+MOST_PIXELS = 6.0
+#: And where the picture is denoised, so that noise of pixels is another one in each; what they gather then, MAP_ONE_IN.
+MOST_PIXELS_DENOISED, ONE_IN_DENOISED = 0.5, 32
 #: Maps that are kept: tiles are not all at the same sample.
 _KEPT = 3
 #: Sends off photons, which begin as a map without any says: from the first, so many; what arrives is float32
@@ -110,10 +114,15 @@ class PhotonMaps:
     casters : CasterArrays
     is_tried : bool
         Whether a trial decides if there are any.
+    is_denoised : bool
+        Whether the picture will be.
     """
 
-    def __init__(self, pixel_count: int, casters: CasterArrays, *, is_tried: bool) -> None:
+    def __init__(
+        self, pixel_count: int, casters: CasterArrays, *, is_tried: bool, is_denoised: bool = False
+    ) -> None:
         self._pixel_count, self._casters, self._is_tried = pixel_count, casters, is_tried
+        self._is_denoised = is_denoised
         self._starts = Starts(casters)
         #: Say with what densities photons begin: those of the first map, before anything is known all over the casters,
         #: and those of all others.
@@ -210,16 +219,18 @@ class PhotonMaps:
         elif growing.number == 1:
             self._best_radius = radius = self._at_most(best_radius(photons, area))
         assert radius is not None
-        made = make_map(photons, growing.count, radius, begins)
+        made = make_map(photons, growing.count, radius, begins, is_denoised=self._is_denoised)
         if self._begins is None:
             self._begins = self._starts.by_light(self._seen, made, growing.count)
         return made
 
     def _at_most(self, radius: float) -> float:
-        return min(radius, _MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
+        return min(radius, MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
 
 
-def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonMap) -> PhotonMap:
+def make_map(
+    photons: Float32Array, emitted: int, radius: float, begins: PhotonMap, *, is_denoised: bool = False
+) -> PhotonMap:
     """Photons sorted into a grid.
 
     Parameters
@@ -228,6 +239,8 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     emitted : int, that have been sent off
     radius : float [m]
     begins : PhotonMap, one without photons that says how these began
+    is_denoised : bool
+        Whether the picture will be.
     """
     buckets = 1 << max(len(photons) // 2, 1).bit_length()
     numbers = np.zeros(MAP_NUMBERS, np.float32)
@@ -235,8 +248,9 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
     numbers[MAP_EXPECTED] = emitted * disc / GATHERED_ONE_IN
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
+    numbers[MAP_PIXELS] = MOST_PIXELS_DENOISED if is_denoised else MOST_PIXELS
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
-    header[MAP_BUCKETS] = buckets
+    header[MAP_BUCKETS], header[MAP_ONE_IN] = buckets, ONE_IN_DENOISED if is_denoised else 0
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
     in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)

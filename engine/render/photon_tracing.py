@@ -72,7 +72,9 @@ class PhotonTracing:
             x0, y0, x1, y1 = self._region
             # Where Filter Glossy blurs what it may, the picture would depend on the trial.
             is_tried = settings.caustics == "AUTO" and not settings.filter_glossy > 0.0
-            self.maps = PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried)
+            self.maps = PhotonMaps(
+                (x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried, is_denoised=settings.use_denoising
+            )
 
     def unlink(self) -> None:
         """Forget the compiled loop: stages are others now."""

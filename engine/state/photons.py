@@ -29,14 +29,17 @@ PHOTON_WIDTH = _photon.width(16)
 #: See PHOTON_BOUNCES. Blender's limits are 1024.
 BOUNCE_LIMIT = 2048
 
-#: Of the photons in a disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a pixel, go
-#: by others, so that noise has no blotches.
+#: Of the photons in a map's disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a pixel,
+#: go by others, so that noise has no blotches. In smaller discs it gathers a larger part.
 GATHERED_ONE_IN = 8
 
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
-MAP_HEADER_WIDTH = 2
+#: Of the photons within radii of a pixel (MAP_PIXELS) a path gathers one in so many; 0: as many of them as of a map's
+#: disc.
+MAP_ONE_IN = 2
+MAP_HEADER_WIDTH = 3
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
@@ -45,7 +48,9 @@ MAP_INVERSE_CELL = 1  # of the grid [m^-1]
 MAP_SCALE = 2
 #: Such photons times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
 MAP_EXPECTED = 3
-MAP_NUMBERS = 4
+#: Paths that have met nothing diffuse gather within so many radii of their pixel, at most.
+MAP_PIXELS = 4
+MAP_NUMBERS = 5
 
 # Bits of CasterArrays.instances
 MAY_CAST = 1
@@ -106,6 +111,7 @@ class PhotonLanes(Bundle):
     ratio: Float32Array = column(
         "where the path gathered photons last: cosine to its geometric normal over the density of its BSDF [sr]", "L"
     )
+    disc: Float32Array = column("photons expected where it gathered last, over those of the map's disc", "L")
     density: Float32Array = column("of the lane's photon, PHOTON_DENSITY", "L")
     place_density: Float32Array = column(
         "`PhotonMap.place_density` where the photon began, or at the last caster that the path has met [m^-2]", "L"

@@ -39,6 +39,8 @@ from engine.state.photons import (
     MAP_BUCKETS,
     MAP_INVERSE_CELL,
     MAP_IS_TRIED,
+    MAP_ONE_IN,
+    MAP_PIXELS,
     MAP_RADIUS,
     MAP_SCALE,
     PHOTON_BOUNCES,
@@ -76,30 +78,57 @@ def _add(options, paths, passes, lane, f_cos, group):
 
 
 @kernel
+def _disc_of(header, numbers, paths, points, lane):
+    """Within what a path gathers photons.
+
+    What pixels next to each other gather alike are blotches, which no denoiser takes for noise. So it gets noise that is
+    another one in each pixel: a small disc, and few of its photons.
+
+    Returns
+    -------
+    radius : float32 [m]
+    one_in : int, of the photons there it gathers one in so many
+    disc : float32, how many these are, over those that a path gathers within the map's radius
+    """
+    radius, pixel = numbers[MAP_RADIUS], numbers[MAP_PIXELS] * points.real[lane, POINT_RADIUS]
+    if not 0.0 < pixel < radius or paths.diffuse_depth[lane] > 0:
+        return radius, np.int64(GATHERED_ONE_IN), np.float32(1.0)
+    area = pixel * pixel / (radius * radius)
+    one_in = header[MAP_ONE_IN]
+    if one_in == 0:
+        one_in = max(np.int64(np.float32(GATHERED_ONE_IN) * area + np.float32(0.5)), np.int64(1))
+    return pixel, one_in, area * np.float32(GATHERED_ONE_IN) / np.float32(one_in)
+
+
+@kernel
 def _gather(scene, work, lane):
     """Add what photons bring to a lane's surface."""
     grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
     photons, places, numbers = grid.photons, grid.places, grid.numbers
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
     p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
-    radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
-    squared, is_tried = radius * radius, grid.header[MAP_IS_TRIED] != 0
+    radius, one_in, disc = _disc_of(grid.header, numbers, paths, points, lane)
+    inverse_cell, squared, is_tried = numbers[MAP_INVERSE_CELL], radius * radius, grid.header[MAP_IS_TRIED] != 0
+    work.photons.disc[lane] = disc
     if is_tried and work.photons.tried[paths.pixel[lane], 2] == 0.0:
         work.photons.tried[paths.pixel[lane], 2] = points.real[lane, POINT_RADIUS]
     mask = grid.header[MAP_BUCKETS] - 1
     hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
-    chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % GATHERED_ONE_IN
-    # Cells are twice as wide as the disc: eight hold it.
+    chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % one_in
+    # Cells are at least twice as wide as the disc: eight hold it, or fewer.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
+    x1, y1, z1 = cell_of((p[0] + radius, p[1] + radius, p[2] + radius), inverse_cell)
     sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     tries = np.float32(0.0)
     for corner in range(8):
         x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
+        if x > x1 or y > y1 or z > z1:
+            continue
         bucket = bucket_of(x, y, z, mask)
         first, last = np.int64(grid.starts[bucket]), np.int64(grid.starts[bucket + 1])
         # Each photon of a bucket is in one of its parts.
         rows = last - first
-        for row in range(first + chosen * rows // GATHERED_ONE_IN, first + (chosen + 1) * rows // GATHERED_ONE_IN):
+        for row in range(first + chosen * rows // one_in, first + (chosen + 1) * rows // one_in):
             q = (places[row, 0], places[row, 1], places[row, 2])
             dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
             if dx * dx + dy * dy + dz * dz > squared:
@@ -119,8 +148,8 @@ def _gather(scene, work, lane):
             cosine = max(abs(dot(ng, wi)), LEAST_COSINE)
             if not pdf > 0.0:
                 continue
-            expected = expected_photons(ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
-            alone = numbers[MAP_SCALE] / cosine
+            expected = expected_photons(disc * ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
+            alone = numbers[MAP_SCALE] / (disc * cosine)
             factor = alone * expected / (np.float32(1.0) + expected)
             if tries == 0.0:
                 seed = hash_combine(hashed ^ _DISC_SEED, np.uint32(paths.dimension[lane]))
@@ -219,5 +248,5 @@ def mark_caustics(scene, unit, work, queue):
                 pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
                 if pdf > 0.0:
                     flags |= RAY_GATHERED
-                    photons.ratio[lane] = ratio_at(ng, wi, pdf)
+                    photons.ratio[lane] = photons.disc[lane] * ratio_at(ng, wi, pdf)
         paths.flags[lane] = flags

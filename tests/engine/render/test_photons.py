@@ -228,3 +228,17 @@ def test_passes_sum_to_the_picture() -> None:
         for lobes in ("Diffuse", "Glossy", "Transmission")
     )
     np.testing.assert_allclose(total, passes["Combined"][..., :3], rtol=1e-3, atol=1e-5)
+
+
+def test_denoised_pictures_have_the_same_light_with_noise_of_their_own_in_each_pixel() -> None:
+    """Noise of pixels next to each other is alike where they gather the same photons, which a denoiser would keep."""
+    plain, denoised = (
+        pictures(mirror_scene(), range(8), samples=64, use_denoising=is_denoised)[:, :9] for is_denoised in (False, True)
+    )
+    assert abs(z_of_means(plain, denoised)) < 4.0
+
+    def likeness(found: np.ndarray) -> float:
+        noise = (found - found.mean(axis=0)) / found.mean(axis=0)
+        return float((noise[:, :, 1:] * noise[:, :, :-1]).mean() / (noise**2).mean())
+
+    assert likeness(denoised) < 0.5 * likeness(plain)
