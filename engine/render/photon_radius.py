@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Within which radius photons are gathered: the one that makes the least error of light that is known by photons alone.
+"""Within which radius photons are gathered: that of the least error, of light that is known by photons alone.
 
 A large disc blurs, a small one has few photons. Squared bias goes with the radius to the fourth power and noise with one
 over its square, so that the best radius falls with the number of photons to the power of -1/6, as radii of photon maps

@@ -29,8 +29,8 @@ PHOTON_WIDTH = _photon.width(16)
 #: See PHOTON_BOUNCES. Blender's limits are 1024.
 BOUNCE_LIMIT = 2048
 
-#: Of the photons in a map's disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a pixel,
-#: go by others, so that noise has no blotches. In smaller discs it gathers a larger part.
+#: Of the photons in a map's disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a
+#: pixel, go by others, so that noise has no blotches. In smaller discs it gathers a larger part.
 GATHERED_ONE_IN = 8
 
 # PhotonMap.header

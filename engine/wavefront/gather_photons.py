@@ -81,8 +81,8 @@ def _add(options, paths, passes, lane, f_cos, group):
 def _disc_of(header, numbers, paths, points, lane):
     """Within what a path gathers photons.
 
-    What pixels next to each other gather alike are blotches, which no denoiser takes for noise. So it gets noise that is
-    another one in each pixel: a small disc, and few of its photons.
+    What pixels next to each other gather alike are blotches, which no denoiser takes for noise. So one gets noise that
+    is another in each pixel: a small disc, and few of its photons.
 
     Returns
     -------

@@ -42,7 +42,7 @@ def test_even_light_has_large_discs() -> None:
 
 @pytest.mark.parametrize("count", [10_000, 20_000, 60_000])
 def test_a_bright_line_has_the_radius_of_least_error(count: int) -> None:
-    """Light that falls off as a Gaussian across a line: by integrals, what a disc does to it and how many lie within."""
+    """Light that falls off as a Gaussian across a line: integrals say what a disc does to it."""
     deviation = 0.005
     numbers = np.random.default_rng(3)
     places = np.stack([numbers.normal(0.0, deviation, count), numbers.random(count)], axis=1)
