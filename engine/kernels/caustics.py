@@ -19,6 +19,7 @@ from engine.kernels.bsdf import summarize
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
+    CLOSURE_DISPERSES,
     DELTA_ALPHA_SQUARED,
     FIRST_HAIR,
     HAS_EVAL,
@@ -43,10 +44,10 @@ LEAST_COSINE = np.float32(1e-4)
 
 @kernel
 def may_gather(scene, closures, lane, instance):
-    """Whether a surface is one that gathers photons: it stands still, and has a lobe that is rough."""
+    """Whether a surface is one that gathers photons: it has a lobe that is rough, and does not disperse."""
     if not scene.casters.instances[instance] & MAY_GATHER:
         return False
-    if not summarize(closures, lane) & HAS_EVAL:
+    if not summarize(closures, lane) & HAS_EVAL or closures.flags[lane] & CLOSURE_DISPERSES:
         return False
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
@@ -60,7 +61,12 @@ def may_gather(scene, closures, lane, instance):
 
 @kernel
 def sends_photons_on(closures, lane):
-    """Whether photons go on by all lobes of a surface, and not by its delta lobes alone: sharp ones are all it has."""
+    """Whether photons go on by all lobes of a surface, and not by its delta lobes alone: sharp ones are all it has.
+
+    Rough lobes that disperse have a density for each wavelength: they are left to paths.
+    """
+    if closures.flags[lane] & CLOSURE_DISPERSES:
+        return False
     is_found = False
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]

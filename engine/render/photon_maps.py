@@ -2,7 +2,8 @@
 """Maps of photons, one for each range of samples: made by the threads that need them, the same whoever makes them.
 
 Radii shrink with all photons that have been sent off so far, so that the mean of the maps' estimates converges: bias
-goes with the square of the radius, noise with one over photons within it.
+goes with the square of the radius, noise with one over photons within it. Windows of time and wavelengths shrink with
+them (`engine.render.photon_windows`).
 
 References: Knaus and Zwicker 2011, "Progressive Photon Mapping: A Probabilistic Approach", Eq. (20) with alpha = 2/3.
 """
@@ -18,18 +19,22 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
+from engine.kernels.photon_windows import parts_of_times
 from engine.render.photon_starts import Starts
+from engine.render.photon_windows import Windows, share_of_photons
 from engine.state.photons import (
     GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_EXPECTED,
+    MAP_HALF_TIME,
+    MAP_HALF_WAVES,
     MAP_HEADER_WIDTH,
     MAP_INVERSE_CELL,
     MAP_NUMBERS,
     MAP_RADIUS,
     MAP_SCALE,
     PHOTON_P,
-    PHOTON_WIDTH,
+    PHOTON_TIME,
     CasterArrays,
     PhotonMap,
     no_photons,
@@ -88,11 +93,13 @@ class _Growing:
     """A map in the making.
 
     first, count : int, its photons; radius : float or None, to be found [m]
+    shrunk : float, the radius over that of the first full map
     """
 
     first: int
     count: int
     radius: float | None
+    shrunk: float = 1.0
     next_chunk: int = 0
     found: dict[int, Float32Array] = field(default_factory=dict)
     made: PhotonMap | None = None
@@ -112,9 +119,13 @@ class PhotonMaps:
     casters : CasterArrays
     is_tried : bool
         Whether a trial decides if there are any.
+    windows : Windows
     """
 
-    def __init__(self, pixel_count: int, casters: CasterArrays, *, is_tried: bool) -> None:
+    def __init__(
+        self, pixel_count: int, casters: CasterArrays, *, is_tried: bool, windows: Windows = Windows()
+    ) -> None:
+        self._windows = windows
         self._pixel_count, self._casters, self._is_tried = pixel_count, casters, is_tried
         self._starts = Starts(casters)
         #: Say with what densities photons begin: those of the first map, before anything is known all over the casters,
@@ -163,12 +174,13 @@ class PhotonMaps:
 
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
-        count, radius = self._photons_of(number), None
-        if number > 0:
-            assert self._first_radius is not None
-            # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
-            radius = self._first_radius * ((first + count) / self._photons_of(1)) ** (-1.0 / 6.0)
-        return _Growing(first, count, radius)
+        count = self._photons_of(number)
+        if number == 0:
+            return _Growing(first, count, None)
+        assert self._first_radius is not None
+        # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
+        shrunk = ((first + count) / self._photons_of(1)) ** self._windows.exponent
+        return _Growing(first, count, self._first_radius * shrunk, shrunk)
 
     def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
         begins = self._begins if number > 0 else self._first_begins
@@ -202,14 +214,20 @@ class PhotonMaps:
         photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
         if growing.radius is not None:
-            return make_map(photons, growing.count, growing.radius, begins)
-        radius = _first_radius(photons, float(self._casters.area.sum()))
-        made = make_map(photons, growing.count, self._at_most(radius), begins)
+            return self._map_of(photons, growing.count, growing.radius, growing.shrunk, begins)
+        radius = self._windows.first_radius(_first_radius(photons, float(self._casters.area.sum())))
+        made = self._map_of(photons, growing.count, self._at_most(radius), 1.0, begins)
         if self._first_radius is None:
             self._begins = self._starts.by_light(self._seen, made, growing.count)
             # That of as many neighbours among as many photons as a sample has from then on.
             self._first_radius = self._at_most(radius * math.sqrt(growing.count / self._photons_of(1)))
         return made
+
+    def _map_of(
+        self, photons: Float32Array, emitted: int, radius: float, shrunk: float, begins: PhotonMap
+    ) -> PhotonMap:
+        half_time = self._windows.half_time(radius / shrunk, shrunk)
+        return make_map(photons, emitted, radius, begins, half_time, self._windows.half_waves(shrunk))
 
     def _at_most(self, radius: float) -> float:
         return min(radius, _MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
@@ -229,25 +247,33 @@ def _first_radius(photons: Float32Array, caster_area: float) -> float:
     return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
 
 
-def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonMap) -> PhotonMap:
+def make_map(
+    photons: Float32Array, emitted: int, radius: float, begins: PhotonMap, half_time: float = 0.0,
+    half_waves: float = 0.0,
+) -> PhotonMap:
     """Photons sorted into a grid.
 
     Parameters
     ----------
-    photons : float32 (P, PHOTON_WIDTH), that have arrived
+    photons : float32 (P, `photon_width`), that have arrived
     emitted : int, that have been sent off
     radius : float [m]
     begins : PhotonMap, one without photons that says how these began
+    half_time, half_waves : float, MAP_HALF_TIME and MAP_HALF_WAVES
     """
     buckets = 1 << max(len(photons) - 1, 1).bit_length()
     numbers = np.zeros(MAP_NUMBERS, np.float32)
     disc = math.pi * radius * radius
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
-    numbers[MAP_EXPECTED] = emitted * disc / GATHERED_ONE_IN
+    numbers[MAP_HALF_TIME], numbers[MAP_HALF_WAVES] = half_time, half_waves
+    numbers[MAP_EXPECTED] = emitted * disc * share_of_photons(half_time, half_waves) / GATHERED_ONE_IN
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
     header[MAP_BUCKETS] = buckets
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
-    sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
-    in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)
+    parts = np.zeros(len(photons), np.int64)
+    if half_time > 0.0:
+        parts_of_times(photons[:, PHOTON_TIME], numbers[MAP_HALF_TIME], parts)
+    sort_into_buckets(photons, parts, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
+    in_order = np.ascontiguousarray(photons[order])
     return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, in_order)

@@ -13,9 +13,11 @@ from engine.builder.scene import Scene
 from engine.render.batch import Batch
 from engine.render.photon_maps import NO_PHOTONS, PhotonMaps
 from engine.render.photon_trial import TracePixels, photons_pay, pixel_radius
+from engine.render.photon_windows import Windows
 from engine.render.scene_header import has_photons
 from engine.runtime.jit import BoundKernel, in_python
 from engine.settings import RenderSettings
+from engine.state.lanes import RGB
 from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, PhotonMap
 from engine.state.unit import PLAIN, Unit
 from engine.wavefront.columns import (
@@ -72,7 +74,8 @@ class PhotonTracing:
             x0, y0, x1, y1 = self._region
             # Where Filter Glossy blurs what it may, the picture would depend on the trial.
             is_tried = settings.caustics == "AUTO" and not settings.filter_glossy > 0.0
-            self.maps = PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried)
+            windows = Windows(float(scene.casters.motion[0]), settings.channel_count > RGB)
+            self.maps = PhotonMaps((x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried, windows=windows)
 
     def unlink(self) -> None:
         """Forget the compiled loop: stages are others now."""

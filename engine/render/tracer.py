@@ -203,7 +203,11 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        room: dict[str, Any] = {"is_guided": is_guided, "records": records, "piece_count": len(self.view.casters.area)}
+        casters = self.view.casters
+        room: dict[str, Any] = {
+            "is_guided": is_guided, "records": records, "piece_count": len(casters.area),
+            "moves": bool(casters.motion[0] > 0.0),
+        }  # fmt: skip
         key = (count, pixel_count, self.layout, settings, *room.values())
         if key != self._batch_key:
             self._batches, self._batch_key = [], None

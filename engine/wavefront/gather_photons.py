@@ -17,14 +17,16 @@ from engine.kernels.caustics import LEAST_COSINE, expected_photons, may_gather, 
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
+from engine.kernels.photon_motion import density_of_start, growth_at, resting_place
+from engine.kernels.photon_windows import part_of_time, power_of_channel, window_weight
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance
 from engine.kernels.rng import hash_combine
+from engine.kernels.spectrum import to_rgb
 from engine.kernels.vector import dot, load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     POINT_NG,
-    POINT_P,
     POINT_RADIUS,
     POINT_WO,
     RAY_CAUSTIC,
@@ -32,11 +34,14 @@ from engine.state.lanes import (
     RAY_SINGULAR,
     RAY_SUBSURFACE,
     RAY_TRANSPARENT,
+    RGB,
 )
 from engine.state.photons import (
     BOUNCE_LIMIT,
     GATHERED_ONE_IN,
     MAP_BUCKETS,
+    MAP_HALF_TIME,
+    MAP_HALF_WAVES,
     MAP_INVERSE_CELL,
     MAP_IS_TRIED,
     MAP_RADIUS,
@@ -44,9 +49,11 @@ from engine.state.photons import (
     PHOTON_BOUNCES,
     PHOTON_DENSITY,
     PHOTON_GROUP,
+    PHOTON_MOVES,
     PHOTON_NG,
     PHOTON_P,
     PHOTON_POWER,
+    PHOTON_TIME,
     PHOTON_WI,
 )
 
@@ -84,7 +91,11 @@ def _gather(scene, work, lane):
     grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
     photons, numbers = grid.photons, grid.numbers
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
-    p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+    wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+    p, n, mover, growth = resting_place(scene, paths, points, lane)
+    time, half_time, half_waves = paths.time[lane], numbers[MAP_HALF_TIME], numbers[MAP_HALF_WAVES]
+    first_part = part_of_time(max(time - half_time, np.float32(0.0)), half_time)
+    parts = part_of_time(min(time + half_time, np.float32(1.0)), half_time) - first_part + 1
     radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
     squared, is_tried = radius * radius, grid.header[MAP_IS_TRIED] != 0
     if is_tried and work.photons.tried[paths.pixel[lane], 2] == 0.0:
@@ -94,10 +105,12 @@ def _gather(scene, work, lane):
     chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % GATHERED_ONE_IN
     # Cells are twice as wide as the disc: eight hold it.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
-    sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for corner in range(8):
-        x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
-        bucket = bucket_of(x, y, z, mask)
+    sum0, sum1, sum2, sum3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    power3, value3 = np.float32(0.0), np.float32(0.0)
+    for corner in range(8 * parts):
+        x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2 & 1)
+        part = first_part + (corner >> 3)
+        bucket = bucket_of(x, y, z, part, mask)
         first, last = np.int64(grid.starts[bucket]), np.int64(grid.starts[bucket + 1])
         for row in range(first + (chosen - first) % GATHERED_ONE_IN, last, GATHERED_ONE_IN):
             q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
@@ -107,10 +120,27 @@ def _gather(scene, work, lane):
             if cell_of(q, inverse_cell) != (x, y, z):
                 # Another cell that shares the bucket.
                 continue
-            if abs(dx * ng[0] + dy * ng[1] + dz * ng[2]) > _FLATNESS * radius:
+            if abs(dx * n[0] + dy * n[1] + dz * n[2]) > _FLATNESS * radius:
                 continue
             normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
-            if not abs(dot(normal, ng)) > _SAME_SURFACE:
+            if not abs(dot(normal, n)) > _SAME_SURFACE:
+                continue
+            weight = np.float32(1.0)
+            if half_time > 0.0:
+                if part_of_time(photons[row, PHOTON_TIME], half_time) != part or photons[row, PHOTON_MOVES] != mover:
+                    continue
+                weight = window_weight(time, photons[row, PHOTON_TIME], half_time)
+            if len(paths.channels) > RGB:
+                hero = paths.hero[lane]
+                power0 = power_of_channel(photons, row, hero, 0, half_waves)
+                power1 = power_of_channel(photons, row, hero, 1, half_waves)
+                power2 = power_of_channel(photons, row, hero, 2, half_waves)
+                power3 = power_of_channel(photons, row, hero, 3, half_waves)
+                weight *= np.float32(1.0 if power0 + power1 + power2 + power3 > 0.0 else 0.0)
+            else:
+                power0, power1 = photons[row, PHOTON_POWER], photons[row, PHOTON_POWER + 1]
+                power2 = photons[row, PHOTON_POWER + 2]
+            if weight == 0.0:
                 continue
             if not _is_of_path(scene.options, paths, lane, photons, row):
                 continue
@@ -119,18 +149,21 @@ def _gather(scene, work, lane):
             cosine = max(abs(dot(ng, wi)), LEAST_COSINE)
             if not pdf > 0.0:
                 continue
-            expected = expected_photons(ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
-            alone = numbers[MAP_SCALE] / cosine
+            expected = expected_photons(growth * ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
+            alone = weight * numbers[MAP_SCALE] / (cosine * growth)
             factor = alone * expected / (np.float32(1.0) + expected)
-            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * photons[row, PHOTON_POWER]
-            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
-            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
+            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * power0
+            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * power1
+            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * power2
+            if len(paths.channels) > RGB:
+                value3 = factor * paths.throughput[lane, 3] * f_cos[lane, 3] * power3
+                f_cos[lane, 3] = value3
             if is_tried:
+                f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
+                r, g, b = to_rgb(scene.spectrum, paths, lane, f_cos, lane)
                 whole, tried, pixel = alone / factor * np.float32(1.0 / 3.0), work.photons.tried, paths.pixel[lane]
-                tried[pixel, 0] += whole * (value0 + value1 + value2)
-                tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (
-                    value0 * value0 + value1 * value1 + value2 * value2
-                )
+                tried[pixel, 0] += whole * (r + g + b)
+                tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (r * r + g * g + b * b)
             if splits:
                 if paths.depth[lane] == 0:
                     passes = work.passes
@@ -141,8 +174,12 @@ def _gather(scene, work, lane):
                 sum0 += value0
                 sum1 += value1
                 sum2 += value2
-    if not splits and sum0 + sum1 + sum2 > 0.0 and math.isfinite(sum0 + sum1 + sum2):
+                sum3 += value3
+    total = sum0 + sum1 + sum2 + sum3
+    if not splits and total > 0.0 and math.isfinite(total):
         f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = sum0, sum1, sum2
+        if len(paths.channels) > RGB:
+            f_cos[lane, 3] = sum3
         _add(scene.options, paths, work.passes, lane, f_cos, -1)
 
 
@@ -204,7 +241,9 @@ def mark_caustics(scene, unit, work, queue):
                 start = start_at(scene.casters, paths, points, lane, load(paths.direction, lane))
                 if start >= 0:
                     flags |= RAY_CAUSTIC
-                    photons.place_density[lane] = grid.place_density[start]
+                    photons.place_density[lane] = density_of_start(
+                        scene, start, instance, np.int64(paths.hit_triangle[lane]), paths.time[lane]
+                    )
                     if is_tried:
                         photons.seen[start] += np.float32(1.0)
         else:
@@ -215,5 +254,6 @@ def mark_caustics(scene, unit, work, queue):
                 pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
                 if pdf > 0.0:
                     flags |= RAY_GATHERED
-                    photons.ratio[lane] = ratio_at(ng, wi, pdf)
+                    growth = growth_at(scene, instance, np.int64(paths.hit_triangle[lane]), paths.time[lane])
+                    photons.ratio[lane] = growth * ratio_at(ng, wi, pdf)
         paths.flags[lane] = flags
