@@ -106,6 +106,8 @@ class PhotonMap(Bundle):
     photons : float32 (P, `photon_width`)
     """
 
+    _dynamic = frozenset({"photons"})
+
     header: Int64Array
     numbers: Float32Array
     cumulative: FloatArray
@@ -132,7 +134,7 @@ class PhotonLanes(Bundle):
         "of a trial's pixels, by row of the film: what was gathered, the second moment of what paths alone would have "
         "found of it, mean over channels, and the pixel's radius where it gathers first [m]", "M", 3,
     )
-    found: Float32Array = column("photons that have arrived, `photon_width` numbers each", "F", "W")
+    found: Float32Array = column("photons that have arrived, `photon_width` numbers each", "F", "W", is_dynamic=True)
 
 
 def photon_width(*, moves: bool, is_spectral: bool) -> int:
