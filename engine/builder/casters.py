@@ -64,10 +64,12 @@ def build_casters(geometry: GeometryArrays, programs: Sequence[bool], lights: Li
     flags = table[:, INSTANCE_FLAGS]
     moves = (flags & INSTANCE_FLAG_MOVING != 0) | (of_mesh[:, MESH_MOTION] >= 0)
     has_faces = of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES
-    is_plain = flags & (INSTANCE_FLAG_CATCHER | INSTANCE_FLAG_HOLDOUT) == 0
+    is_shown = flags & INSTANCE_FLAG_HOLDOUT == 0
     # Places on curves and points are not followed.
-    gathers = is_plain & (has_faces | ~moves)
-    may_cast = is_plain & has_faces & (table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0)
+    gathers = is_shown & (has_faces | ~moves)
+    # What shadow catchers do to light themselves is no effect of objects: casters are none.
+    may_cast = is_shown & has_faces & (flags & INSTANCE_FLAG_CATCHER == 0)
+    may_cast &= table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0
     first_row = np.full(len(table), -1, np.int32)
     rows: list[np.ndarray] = []
     triangles: list[np.ndarray] = []

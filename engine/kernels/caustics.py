@@ -26,10 +26,11 @@ from engine.kernels.bsdf.kinds import (
     LAST_DIFFUSE,
     LAST_MICROFACET,
 )
-from engine.kernels.lights import Receiver, tree_of_ray
+from engine.kernels.lights import Receiver, has_blockers, lamp_is_hidden, tree_of_ray
 from engine.kernels.vector import dot, load, negate
 from engine.runtime.jit import kernel
 from engine.state.lanes import RAY_SINGULAR
+from engine.state.lights import EMITTER_KIND, EMITTER_LAMP, LAMP_PROGRAM, LIGHT_BACKGROUND, LIGHT_TRIANGLE
 from engine.state.photons import MAP_EXPECTED, MAY_GATHER
 
 #: Alpha from which on a lobe is rough: that of a node's roughness of 0.32. Surfaces with one gather photons, those
@@ -133,6 +134,22 @@ def caster_receiver(paths, lane, lights):
         load(paths.mis_origin, lane), load(paths.mis_normal, lane), load(paths.direction, lane),
         tree_of_ray(lights, paths.flags[lane]),
     )
+
+
+@kernel
+def rays_find(lights, emitter):
+    """Whether paths find an emitter behind a delta lobe, wherever light samples there do.
+
+    Where only some objects cast shadows in its light a path has to look for it through the others. It does for lamps
+    without nodes alone (`engine.wavefront.hidden_lamps`): light of the others is the photons'.
+    """
+    kind = lights.emitters[emitter, EMITTER_KIND]
+    if kind == LIGHT_TRIANGLE:
+        return not has_blockers(lights, emitter)
+    if kind == LIGHT_BACKGROUND:
+        return True
+    row = np.int64(lights.emitters[emitter, EMITTER_LAMP])
+    return lights.lamp_table[row, LAMP_PROGRAM] < 0 or not lamp_is_hidden(lights, row)
 
 
 @kernel

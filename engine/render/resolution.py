@@ -125,10 +125,6 @@ def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
         return "would be sharp, and Filter Glossy asks for blurred ones"
     if scene.media.varies:
         return "know no media that vary"
-    if scene.lights.links.blockers.shape[1] != 0:
-        return "know no linked shadows"
-    if scene.has_catchers:
-        return "know no shadow catchers"
     if scene.description.fast_gi.bounces > 0:
         return "know no Fast Global Illumination"
     return ""

@@ -15,7 +15,7 @@ from engine.kernels.bsdf import reset_closures
 from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.kinds import DIFFUSE
 from engine.kernels.caster_pieces import place_in_piece
-from engine.kernels.caustics import LEAST_COSINE, UNMET
+from engine.kernels.caustics import LEAST_COSINE, UNMET, rays_find
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import reset_depths
 from engine.kernels.photon_motion import density_of_start
@@ -199,8 +199,10 @@ def launch_photons(scene, unit, work, queue):
             paths.throughput[lane, c] = power
             largest = max(largest, abs(power))
         # Lamps that are to be found by light samples alone cast no caustics, as in Cycles, unless they have no size.
-        is_met = samples.flags[lane] & LIGHT_USES_MIS != 0
-        if not largest > 0.0 or not math.isfinite(largest) or not (is_met or _is_delta(lights, samples.emitter[lane])):
+        emitter = np.int64(samples.emitter[lane])
+        uses_mis = samples.flags[lane] & LIGHT_USES_MIS != 0
+        is_met = uses_mis and rays_find(lights, emitter)
+        if not largest > 0.0 or not math.isfinite(largest) or not (uses_mis or _is_delta(lights, emitter)):
             paths.alive[lane] = 0
             continue
         wi = load(samples.direction, lane)

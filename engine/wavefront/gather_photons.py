@@ -56,6 +56,7 @@ from engine.state.photons import (
     PHOTON_TIME,
     PHOTON_WI,
 )
+from engine.wavefront.columns import UNIT_FOLLOWS
 
 #: Cosine between normals from which on a photon has arrived at the same surface.
 _SAME_SURFACE = np.float32(0.5)
@@ -184,6 +185,14 @@ def _gather(scene, work, lane):
 
 
 @kernel
+def _counts(scene, unit):
+    """Whether photons are there for a unit's paths: not where they have been given up, and not for followers, who see
+    shadow catchers alone and no casters.
+    """
+    return scene.photons.numbers[MAP_RADIUS] > 0.0 and unit.header[UNIT_FOLLOWS] == 0
+
+
+@kernel
 def gather_photons(scene, unit, work, queue):
     """Add the light of photons at surfaces that gather them.
 
@@ -192,8 +201,7 @@ def gather_photons(scene, unit, work, queue):
     queue : LaneQueue
         `work.surface`, shaded.
     """
-    if not scene.photons.numbers[MAP_RADIUS] > 0.0:
-        # They have been given up.
+    if not _counts(scene, unit):
         return
     paths, points, closures = work.paths, work.points, work.closures
     lanes, lane_count = queue.lanes, queue.count[0]
@@ -217,7 +225,7 @@ def mark_caustics(scene, unit, work, queue):
     queue : LaneQueue
         `work.surface`, from which paths have gone on.
     """
-    if not scene.photons.numbers[MAP_RADIUS] > 0.0:
+    if not _counts(scene, unit):
         return
     paths, points, closures, f_cos = work.paths, work.points, work.closures, work.f_cos
     photons, grid = work.photons, scene.photons

@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.kernels.caster_pieces import start_at
 from engine.kernels.caustics import (
+    rays_find,
     receiver_on_caster,
     sends_photons_on,
     share_beside_photons,
@@ -71,7 +72,7 @@ def leave_to_photons(scene, unit, work, queue):
         lane = lanes[k]
         if not paths.flags[lane] & RAY_GATHERED or not samples.flags[lane] & LIGHT_USES_MIS:
             continue
-        if not sends_photons_on(closures, lane):
+        if not sends_photons_on(closures, lane) or not rays_find(scene.lights, np.int64(samples.emitter[lane])):
             continue
         wi = load(samples.direction, lane)
         start = start_at(scene.casters, paths, points, lane, wi)

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from engine.scene.description import Light, Link, Material, Node, NodeGraph, SceneDescription
+from tests.helpers.placed_quads import turned
 from tests.helpers.small_scenes import floor_scene, material
 
 #: 50 m of wall, which stands at y = 2 m and faces the origin.
@@ -19,7 +22,8 @@ def lamp_at(x: float, y: float, z: float, size: float = 0.1, energy: float = 100
     return Light(f"lamp {y}", "Lamp", "AREA", place, (1.0, 1.0, 1.0), energy, size_x=size, size_y=size)
 
 
-def _glass(ior: float, roughness: float = 0.0) -> Material:
+def glass(ior: float, roughness: float = 0.0) -> Material:
+    """Glass of a refractive index."""
     inputs = {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": roughness, "IOR": ior}
     node = Node("ShaderNodeBsdfGlass", "Glass", inputs, {"distribution": "GGX"})
     return Material("Glass", "Glass", NodeGraph([node], Link(0, "BSDF")))
@@ -52,13 +56,26 @@ def water_scene(size: float = 4.0, roughness: float = 0.0) -> SceneDescription:
     """A floor below water, seen from above, under a lamp that is so wide that paths find it."""
     surface = np.eye(4, dtype=np.float32)
     surface[2, 3] = 1.0
-    return _two(surface, _glass(1.33, roughness), [lamp_at(0.0, 0.0, 3.0, size)])
+    return _two(surface, glass(1.33, roughness), [lamp_at(0.0, 0.0, 3.0, size)])
+
+
+def prism_scene(size: float = 0.5, dispersion: float = 0.1) -> SceneDescription:
+    """A floor below a leaning piece of the surface of glass that disperses strongly: a spectrum along the columns."""
+    scene = water_scene(size)
+    pane = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float32)
+    scene.meshes.append(replace(scene.meshes[0], key="pane", name="Pane", vertices=pane))
+    scene.instances.mesh = np.array([0, 1], np.int32)
+    transform = scene.instances.transform.copy()
+    transform[1] = turned(0.7, 1, (0.0, 0.0, 1.5))
+    scene.instances.transform = transform
+    scene.materials[1] = replace(glass(1.5), dispersion=dispersion)
+    return scene
 
 
 def hidden_glass_scene() -> SceneDescription:
     """Glass far below a floor that no light reaches."""
     below = np.eye(4, dtype=np.float32)
     below[2, 3] = -5.0
-    return _two(below, _glass(1.5), [lamp_at(0.0, 0.0, 3.0)])
+    return _two(below, glass(1.5), [lamp_at(0.0, 0.0, 3.0)])
 
 
