@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 #: The first window of time, over the shutter; wider where nothing goes further in it than these radii.
-_FIRST_TIME, _RADII = 0.25, 4.0
+_FIRST_TIME, _RADII = 0.5, 4.0
 #: And of wavelengths, over those between two of a path.
 _FIRST_WAVES = 0.5
 #: A path has four wavelengths: the window of each is so much of [0, 1).

@@ -79,3 +79,43 @@ def hidden_glass_scene() -> SceneDescription:
     return _two(below, glass(1.5), [lamp_at(0.0, 0.0, 3.0)])
 
 
+
+
+#: Corners and triangles of glass that is no closed surface.
+_CORNERS = np.array(
+    [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (-1, -1, 0.4), (1, -1, 0.4), (1, 1, 0.4), (-1, 1, 0.4)],
+    np.float32,
+)  # fmt: skip
+_BROKEN = {
+    # The same faces twice, turned alike, and against each other.
+    "coincident": [(0, 1, 2), (0, 2, 3), (0, 1, 2), (0, 2, 3)],
+    "turned": [(0, 1, 2), (0, 2, 3), (0, 2, 1), (0, 3, 2)],
+    # A box that lacks its lid, and one of its sides.
+    "open": [(0, 2, 1), (0, 3, 2), (0, 1, 5), (0, 5, 4), (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6)],
+    # Three faces at each of two edges.
+    "non-manifold": [(0, 1, 2), (0, 2, 3), (0, 2, 6), (0, 6, 4), (0, 1, 5), (0, 5, 4), (1, 2, 6)],
+    # Without an area, and with corners that are no numbers.
+    "degenerate": [(0, 1, 2), (0, 2, 3), (0, 0, 1), (1, 1, 1), (0, 1, 8)],
+}
+
+
+def broken_glass_scene(kind: str, size: float = 4.0) -> SceneDescription:
+    """A floor below glass that is no closed surface, under a lamp that is so wide that paths find it.
+
+    Parameters
+    ----------
+    kind : str, of `BROKEN_KINDS`
+    """
+    scene = water_scene(size)
+    corners = np.concatenate([1.5 * _CORNERS, np.full((1, 3), np.nan, np.float32)])
+    triangles = np.array(_BROKEN[kind], np.uint32)
+    glass_mesh = replace(
+        scene.meshes[0], key=kind, name=kind, vertices=corners if triangles.max() == 8 else corners[:8],
+        triangles=triangles, material_slots=np.zeros(len(triangles), np.int32),
+    )  # fmt: skip
+    scene.meshes.append(glass_mesh)
+    scene.instances.mesh = np.array([0, 1], np.int32)
+    return scene
+
+
+BROKEN_KINDS = tuple(_BROKEN)
