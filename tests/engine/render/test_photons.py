@@ -12,6 +12,7 @@ from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
 from engine.scene.description import VISIBLE_SHADOW, World
+from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
 from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
@@ -182,9 +183,11 @@ def test_a_scene_without_lamps_has_no_photons(caustics: str) -> None:
 
 
 def test_what_photons_do_not_know_is_said() -> None:
-    result = render(mirror_scene(), samples=1, spectral="ON")
+    scene = mirror_scene()
+    scene.fast_gi = FastGi(bounces=1)
+    result = render(scene, samples=1)
     assert any(notice.subject == "Caustics by photons" for notice in result.report.notices)
-    result = render(mirror_scene(), samples=1, spectral="ON", caustics="AUTO")
+    result = render(scene, samples=1, caustics="AUTO")
     assert not any(notice.subject == "Caustics by photons" for notice in result.report.notices)
 
 
