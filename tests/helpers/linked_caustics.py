@@ -23,9 +23,9 @@ def _at_height(z: float, scale: float = 1.0) -> np.ndarray:
 
 
 def _three(third: np.ndarray, materials, lights) -> SceneDescription:
-    """A floor, water over it, and something above both."""
+    """A floor, over its middle something like water, and something above both."""
     scene = floor_scene(
-        lights=lights, transforms=[np.eye(4), _at_height(1.0), third], materials=materials, size=(16, 16)
+        lights=lights, transforms=[np.eye(4), _at_height(1.0, 0.03), third], materials=materials, size=(16, 16)
     )
     scene.instances.material_offset = np.arange(3, dtype=np.int32)
     scene.instances.materials = np.arange(3, dtype=np.int32)
@@ -34,7 +34,7 @@ def _three(third: np.ndarray, materials, lights) -> SceneDescription:
 
 
 def screened_water(passes: int | None) -> SceneDescription:
-    """Water under a wide lamp and a screen, of 2 m: one of the two casts no shadow in the lamp's light.
+    """Water of 3 m under a wide lamp and a screen of 2 m: one of the two casts no shadow in the lamp's light.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ def test_light_comes_through_what_casts_no_shadow_in_it(passes: int) -> None:
     scene = screened_water(passes)
     by_photons, by_paths = (pictures(scene, caustics) for caustics in ("PHOTONS", "PATHS"))
     assert_same_light(by_photons, by_paths, 0.02)
-    assert by_photons.mean() > 2.0 * pictures(screened_water(None), "PHOTONS", [1]).mean()
+    assert by_photons.mean() > 1.1 * pictures(screened_water(None), "PHOTONS", [1]).mean()
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.2])
@@ -56,7 +56,7 @@ def test_a_catcher_shows_the_caustic_as_an_effect_of_the_object() -> None:
         pictures(_catching(mirror_scene(2.0)), caustics, shown=CATCHER_PASS)[:, :9] for caustics in ("PHOTONS", "PATHS")
     )
     assert_same_light(by_photons, by_paths, 0.02)
-    assert by_photons.mean() > 1.1
+    assert by_photons.mean() > 1.05
 
 
 def test_a_catcher_that_reflects_casts_nothing() -> None:
