@@ -18,7 +18,7 @@ from engine.render.scene_header import has_photons
 from engine.runtime.jit import BoundKernel, in_python
 from engine.settings import RenderSettings
 from engine.state.lanes import RGB
-from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, PhotonMap
+from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, CasterArrays, PhotonMap
 from engine.state.unit import PLAIN, Unit
 from engine.wavefront.columns import (
     PHOTONS,
@@ -57,6 +57,11 @@ def of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     """Of what `trace_rounds` takes, that which `trace_photons` does."""
     stages, scene, unit, guidance, _, work, stop = arguments
     return stages, scene, unit, guidance, work, stop
+
+
+def room_for_photons(casters: CasterArrays) -> dict[str, Any]:
+    """What a `Batch` has to know of the casters."""
+    return {"piece_count": len(casters.area), "moves": bool(casters.motion[0] > 0.0)}
 
 
 class PhotonTracing:

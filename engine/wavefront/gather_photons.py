@@ -87,6 +87,45 @@ def _add(options, paths, passes, lane, f_cos, group):
 
 
 @kernel
+def _weight_of_time(grid, time, mover, part, row):
+    """How often a photon counts for a path's time; 0 where it has arrived on something else that moves.
+
+    Parameters
+    ----------
+    mover : float32, as PHOTON_MOVES; part : int, of the shutter, in which it is looked for
+    """
+    photons, half = grid.photons, grid.numbers[MAP_HALF_TIME]
+    if not half > 0.0:
+        return np.float32(1.0)
+    if part_of_time(photons[row, PHOTON_TIME], half) != part or photons[row, PHOTON_MOVES] != mover:
+        return np.float32(0.0)
+    return window_weight(time, photons[row, PHOTON_TIME], half)
+
+
+@kernel
+def _powers(grid, paths, lane, row):
+    """What a photon brings to each of a path's channels, the fourth 0 in RGB [W]."""
+    photons = grid.photons
+    if len(paths.channels) > RGB:
+        hero, half = paths.hero[lane], grid.numbers[MAP_HALF_WAVES]
+        return (
+            power_of_channel(photons, row, hero, 0, half), power_of_channel(photons, row, hero, 1, half),
+            power_of_channel(photons, row, hero, 2, half), power_of_channel(photons, row, hero, 3, half),
+        )  # fmt: skip
+    return photons[row, PHOTON_POWER], photons[row, PHOTON_POWER + 1], photons[row, PHOTON_POWER + 2], np.float32(0.0)
+
+
+@kernel
+def _note_found(scene, work, lane, over, expected):
+    """Tell a trial of a photon whose light is in row `lane` of `work.f_cos`; all of it is `over` times that."""
+    tried, pixel = work.photons.tried, work.paths.pixel[lane]
+    r, g, b = to_rgb(scene.spectrum, work.paths, lane, work.f_cos, lane)
+    whole = over * np.float32(1.0 / 3.0)
+    tried[pixel, 0] += whole * (r + g + b)
+    tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (r * r + g * g + b * b)
+
+
+@kernel
 def _gather(scene, work, lane):
     """Add what photons bring to a lane's surface."""
     grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
@@ -94,7 +133,7 @@ def _gather(scene, work, lane):
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
     wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
     p, n, mover, growth = resting_place(scene, paths, points, lane)
-    time, half_time, half_waves = paths.time[lane], numbers[MAP_HALF_TIME], numbers[MAP_HALF_WAVES]
+    time, half_time = paths.time[lane], numbers[MAP_HALF_TIME]
     first_part = part_of_time(max(time - half_time, np.float32(0.0)), half_time)
     parts = part_of_time(min(time + half_time, np.float32(1.0)), half_time) - first_part + 1
     radius, inverse_cell = numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL]
@@ -107,7 +146,7 @@ def _gather(scene, work, lane):
     # Cells are twice as wide as the disc: eight hold it.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
     sum0, sum1, sum2, sum3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    power3, value3 = np.float32(0.0), np.float32(0.0)
+    value3 = np.float32(0.0)
     for corner in range(8 * parts):
         x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2 & 1)
         part = first_part + (corner >> 3)
@@ -126,22 +165,8 @@ def _gather(scene, work, lane):
             normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
             if not abs(dot(normal, n)) > _SAME_SURFACE:
                 continue
-            weight = np.float32(1.0)
-            if half_time > 0.0:
-                if part_of_time(photons[row, PHOTON_TIME], half_time) != part or photons[row, PHOTON_MOVES] != mover:
-                    continue
-                weight = window_weight(time, photons[row, PHOTON_TIME], half_time)
-            if len(paths.channels) > RGB:
-                hero = paths.hero[lane]
-                power0 = power_of_channel(photons, row, hero, 0, half_waves)
-                power1 = power_of_channel(photons, row, hero, 1, half_waves)
-                power2 = power_of_channel(photons, row, hero, 2, half_waves)
-                power3 = power_of_channel(photons, row, hero, 3, half_waves)
-                weight *= np.float32(1.0 if power0 + power1 + power2 + power3 > 0.0 else 0.0)
-            else:
-                power0, power1 = photons[row, PHOTON_POWER], photons[row, PHOTON_POWER + 1]
-                power2 = photons[row, PHOTON_POWER + 2]
-            if weight == 0.0:
+            weight, power = _weight_of_time(grid, time, mover, part, row), _powers(grid, paths, lane, row)
+            if not weight * (power[0] + power[1] + power[2] + power[3]) > 0.0:
                 continue
             if not _is_of_path(scene.options, paths, lane, photons, row):
                 continue
@@ -153,18 +178,15 @@ def _gather(scene, work, lane):
             expected = expected_photons(growth * ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
             alone = weight * numbers[MAP_SCALE] / (cosine * growth)
             factor = alone * expected / (np.float32(1.0) + expected)
-            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * power0
-            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * power1
-            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * power2
+            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * power[0]
+            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * power[1]
+            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * power[2]
             if len(paths.channels) > RGB:
-                value3 = factor * paths.throughput[lane, 3] * f_cos[lane, 3] * power3
+                value3 = factor * paths.throughput[lane, 3] * f_cos[lane, 3] * power[3]
                 f_cos[lane, 3] = value3
             if is_tried:
                 f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
-                r, g, b = to_rgb(scene.spectrum, paths, lane, f_cos, lane)
-                whole, tried, pixel = alone / factor * np.float32(1.0 / 3.0), work.photons.tried, paths.pixel[lane]
-                tried[pixel, 0] += whole * (r + g + b)
-                tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (r * r + g * g + b * b)
+                _note_found(scene, work, lane, alone / factor, expected)
             if splits:
                 if paths.depth[lane] == 0:
                     passes = work.passes
