@@ -9,12 +9,12 @@ import numpy as np
 
 from engine.builder.environment import sampled_whole
 from engine.builder.geometry import GeometryCache
+from engine.builder.motion import corners_in_motion, world_corners
 from engine.scene.content import Kept
 from engine.scene.description import VISIBLE_SHADOW
 from engine.settings import RenderSettings
 from engine.shaders.program_cache import ProgramCache
 from engine.state.geometry import (
-    INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_CATCHER,
     INSTANCE_FLAG_HOLDOUT,
     INSTANCE_FLAG_MOVING,
@@ -30,19 +30,21 @@ from engine.state.geometry import (
     GeometryArrays,
 )
 from engine.state.lights import LightArrays
-from engine.state.photons import MAY_CAST, MAY_GATHER, REFRACTS, CasterArrays, no_casters
+from engine.state.photons import MAY_CAST, MAY_GATHER, MOVES, REFRACTS, CasterArrays, no_casters
 
 #: Pieces that casters of few triangles are divided into, about, and how often a triangle is.
 _PIECES = 1 << 11
 _MOST_LEVELS = 6
 #: Groups of small triangles, at least: as few paths as are tried tell no more of each.
 _GROUPS = 256
+#: Instances, and triangles of each, that say how far things go, at most about.
+_FOLLOWED = 256
 
 
 def build_casters(
     geometry: GeometryArrays, programs: Sequence[bool], refracts: Sequence[bool], lights: LightArrays
 ) -> CasterArrays:
-    """The triangles of all sharp surfaces that stand still, by their areas in the world.
+    """The triangles of all sharp surfaces, by their areas in the world in the middle of the shutter.
 
     Parameters
     ----------
@@ -64,10 +66,14 @@ def build_casters(
         return no_casters(lights)
     of_mesh = meshes[table[:, INSTANCE_MESH]]
     flags = table[:, INSTANCE_FLAGS]
-    stands = (flags & INSTANCE_FLAG_MOVING == 0) & (of_mesh[:, MESH_MOTION] < 0)
-    stands &= flags & (INSTANCE_FLAG_CATCHER | INSTANCE_FLAG_HOLDOUT) == 0
-    has_faces = stands & (of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES)
-    has_faces &= table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0
+    moves = (flags & INSTANCE_FLAG_MOVING != 0) | (of_mesh[:, MESH_MOTION] >= 0)
+    has_faces = of_mesh[:, MESH_SHAPE] == SHAPE_TRIANGLES
+    is_shown = flags & INSTANCE_FLAG_HOLDOUT == 0
+    # Places on curves and points are not followed.
+    gathers = is_shown & (has_faces | ~moves)
+    # What shadow catchers do to light themselves is no effect of objects: casters are none.
+    may_cast = is_shown & has_faces & (flags & INSTANCE_FLAG_CATCHER == 0)
+    may_cast &= table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0
     first_row = np.full(len(table), -1, np.int32)
     rows: list[np.ndarray] = []
     triangles: list[np.ndarray] = []
@@ -75,7 +81,7 @@ def build_casters(
     middles: list[np.ndarray] = []
     octants: list[np.ndarray] = []
     through: list[int] = []
-    for instance in np.flatnonzero(has_faces):
+    for instance in np.flatnonzero(may_cast):
         mesh = meshes[table[instance, INSTANCE_MESH]]
         first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
         slots = geometry.material_slots[first : first + count]
@@ -88,7 +94,7 @@ def build_casters(
             through.append(int(instance))
         rows.append(np.full(count, instance, np.int32))
         triangles.append(np.arange(first, first + count, dtype=np.int32))
-        corners = _corners(geometry, instance, triangles[-1])
+        corners = world_corners(geometry, instance, triangles[-1])
         edges = corners[:, 1:] - corners[:, :1]
         normal = np.cross(edges[:, 0], edges[:, 1])
         area = 0.5 * np.linalg.norm(normal, axis=1)
@@ -110,7 +116,8 @@ def build_casters(
         first_piece=first_piece.astype(np.int32), level=level.astype(np.int32), row=row.astype(np.int32),
         group=_groups(np.concatenate(middles)[row], np.concatenate(octants)[row], level[row]),
         area=(area / 4.0**level)[row].astype(np.float32),
-        instances=(np.where(stands, MAY_GATHER, 0) | casts).astype(np.uint8), lights=lights,
+        instances=(np.where(gathers, MAY_GATHER, 0) | casts | np.where(moves, MOVES, 0)).astype(np.uint8),
+        motion=np.array([_longest_way(geometry, np.flatnonzero(moves))], np.float32), lights=lights,
     )  # fmt: skip
 
 
@@ -122,13 +129,16 @@ def _levels(area: np.ndarray) -> np.ndarray:
     return np.clip(np.ceil(0.5 * halvings), 0, _MOST_LEVELS).astype(np.int64)
 
 
-def _corners(geometry: GeometryArrays, instance: int, triangles: np.ndarray) -> np.ndarray:
-    """Corners of an instance's triangles in the world [m]: float64 (T, 3, 3)."""
-    corners: np.ndarray = geometry.vertices[geometry.triangles[triangles]].astype(np.float64)
-    if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        matrix = geometry.transforms[instance].reshape(3, 4).astype(np.float64)
-        corners = corners @ matrix[:, :3].T + matrix[:, 3]
-    return corners
+def _longest_way(geometry: GeometryArrays, instances: np.ndarray) -> float:
+    """How far a corner goes while the shutter is open, of some of the triangles of some instances [m]."""
+    longest = 0.0
+    for instance in instances[:: max(len(instances) // _FOLLOWED, 1)].tolist():
+        mesh = geometry.mesh_table[geometry.instance_table[instance, INSTANCE_MESH]]
+        first, count = int(mesh[MESH_FIRST_TRIANGLE]), int(mesh[MESH_TRIANGLE_COUNT])
+        followed = np.arange(first, first + count, max(count // _FOLLOWED, 1))
+        ways = np.ptp(np.stack(corners_in_motion(geometry, instance, followed)), axis=0)
+        longest = max(longest, float(np.linalg.norm(ways, axis=-1).max(initial=0.0)))
+    return longest if np.isfinite(longest) else 0.0
 
 
 def _groups(middles: np.ndarray, octants: np.ndarray, level: np.ndarray) -> np.ndarray:

@@ -19,16 +19,18 @@ from engine.kernels.bsdf import summarize
 from engine.kernels.bsdf.kinds import (
     ALPHA_X,
     ALPHA_Y,
+    CLOSURE_DISPERSES,
     DELTA_ALPHA_SQUARED,
     FIRST_HAIR,
     HAS_EVAL,
     LAST_DIFFUSE,
     LAST_MICROFACET,
 )
-from engine.kernels.lights import Receiver, tree_of_ray
+from engine.kernels.lights import Receiver, has_blockers, lamp_is_hidden, tree_of_ray
 from engine.kernels.vector import dot, load, negate
 from engine.runtime.jit import kernel
 from engine.state.lanes import RAY_SINGULAR
+from engine.state.lights import EMITTER_KIND, EMITTER_LAMP, LAMP_PROGRAM, LIGHT_BACKGROUND, LIGHT_TRIANGLE
 from engine.state.photons import MAP_EXPECTED, MAY_GATHER
 
 #: Alpha from which on a lobe is rough: that of a node's roughness of 0.32. Surfaces with one gather photons, those
@@ -43,10 +45,10 @@ LEAST_COSINE = np.float32(1e-4)
 
 @kernel
 def may_gather(scene, closures, lane, instance):
-    """Whether a surface is one that gathers photons: it stands still, and has a lobe that is rough."""
+    """Whether a surface is one that gathers photons: it has a lobe that is rough, and does not disperse."""
     if not scene.casters.instances[instance] & MAY_GATHER:
         return False
-    if not summarize(closures, lane) & HAS_EVAL:
+    if not summarize(closures, lane) & HAS_EVAL or closures.flags[lane] & CLOSURE_DISPERSES:
         return False
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
@@ -60,7 +62,12 @@ def may_gather(scene, closures, lane, instance):
 
 @kernel
 def sends_photons_on(closures, lane):
-    """Whether photons go on by all lobes of a surface, and not by its delta lobes alone: sharp ones are all it has."""
+    """Whether photons go on by all lobes of a surface, and not by its delta lobes alone: sharp ones are all it has.
+
+    Rough lobes that disperse have a density for each wavelength: they are left to paths.
+    """
+    if closures.flags[lane] & CLOSURE_DISPERSES:
+        return False
     is_found = False
     for i in range(closures.count[lane]):
         kind = closures.kind[lane, i]
@@ -127,6 +134,22 @@ def caster_receiver(paths, lane, lights):
         load(paths.mis_origin, lane), load(paths.mis_normal, lane), load(paths.direction, lane),
         tree_of_ray(lights, paths.flags[lane]),
     )
+
+
+@kernel
+def rays_find(lights, emitter):
+    """Whether paths find an emitter behind a delta lobe, wherever light samples there do.
+
+    Where only some objects cast shadows in its light a path has to look for it through the others. It does for lamps
+    without nodes alone (`engine.wavefront.hidden_lamps`): light of the others is the photons'.
+    """
+    kind = lights.emitters[emitter, EMITTER_KIND]
+    if kind == LIGHT_TRIANGLE:
+        return not has_blockers(lights, emitter)
+    if kind == LIGHT_BACKGROUND:
+        return True
+    row = np.int64(lights.emitters[emitter, EMITTER_LAMP])
+    return lights.lamp_table[row, LAMP_PROGRAM] < 0 or not lamp_is_hidden(lights, row)
 
 
 @kernel

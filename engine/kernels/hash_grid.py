@@ -26,24 +26,26 @@ def cell_of(p, inverse_cell):
 
 
 @kernel
-def bucket_of(x, y, z, mask):
-    """Bucket of a cell; `mask` is their number, a power of two, less 1.
+def bucket_of(x, y, z, part, mask):
+    """Bucket of a part of a cell; `mask` is their number, a power of two, less 1.
 
     Cells of a block of 4 x 4 x 4 lie next to each other, those of 2 x 2 x 2 too, since who asks for one asks for its
     neighbours.
     """
     block = (x >> 2) * np.int64(73856093) ^ (y >> 2) * np.int64(19349663) ^ (z >> 2) * np.int64(83492791)
+    block ^= part * np.int64(39916801)
     small = x & 1 | (y & 1) << 1 | (z & 1) << 2
     return (block << 6 | (x & 2) << 2 | (y & 2) << 3 | (z & 2) << 4 | small) & mask
 
 
 @kernel
-def sort_into_buckets(positions, inverse_cell, mask, starts, order):
+def sort_into_buckets(positions, parts, inverse_cell, mask, starts, order):
     """Order points by bucket, those of a bucket as they came.
 
     Parameters
     ----------
     positions : float32 (P, >= 3), the first three columns are coordinates [m]
+    parts : int64 (P,), by which points of a cell are told apart, as of other times
     inverse_cell : float32 [m^-1]
     mask : int
     starts : int32 (mask + 2,), zeros; filled with each bucket's first place in `order`
@@ -52,13 +54,13 @@ def sort_into_buckets(positions, inverse_cell, mask, starts, order):
     count = positions.shape[0]
     for row in range(count):
         x, y, z = cell_of((positions[row, 0], positions[row, 1], positions[row, 2]), inverse_cell)
-        starts[bucket_of(x, y, z, mask) + 1] += 1
+        starts[bucket_of(x, y, z, parts[row], mask) + 1] += 1
     for bucket in range(mask + 1):
         starts[bucket + 1] += starts[bucket]
     # Each bucket's start moves to its end, which is the next one's start.
     for row in range(count - 1, -1, -1):
         x, y, z = cell_of((positions[row, 0], positions[row, 1], positions[row, 2]), inverse_cell)
-        bucket = bucket_of(x, y, z, mask)
+        bucket = bucket_of(x, y, z, parts[row], mask)
         starts[bucket + 1] -= 1
         order[starts[bucket + 1]] = row
     # starts[b + 1] is now where bucket b begins.

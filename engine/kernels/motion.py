@@ -11,9 +11,11 @@ from engine.kernels.vector import load, transform_direction, transform_normal, t
 from engine.runtime.jit import kernel
 from engine.state.geometry import (
     INSTANCE_FIRST_KEY,
+    INSTANCE_FLAG_BAKED,
     INSTANCE_FLAG_MOVING,
     INSTANCE_FLAGS,
     INSTANCE_KEY_COUNT,
+    INSTANCE_MESH,
     MESH_FIRST_TRIANGLE,
     MESH_FIRST_VERTEX,
     MESH_MOTION,
@@ -273,6 +275,17 @@ def _bent_triangle(geometry, mesh, triangle, time):
         _between(vertices, b, b + step, fraction),
         _between(vertices, c, c + step, fraction),
     )
+
+
+@kernel
+def moving_triangle(geometry, instance, triangle, time):
+    """World space vertices of a triangle that moves or changes its shape."""
+    v0, v1, v2 = triangle_at(geometry, geometry.instance_table[instance, INSTANCE_MESH], triangle, time)
+    if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
+        v0 = point_to_world(geometry, instance, time, v0)
+        v1 = point_to_world(geometry, instance, time, v1)
+        v2 = point_to_world(geometry, instance, time, v2)
+    return v0, v1, v2
 
 
 @kernel(forceinline=True)

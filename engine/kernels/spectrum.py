@@ -12,8 +12,20 @@ from engine.kernels.shader.color_math import luminance
 from engine.runtime.jit import kernel
 from engine.spectral.blackbody import blackbody_over_d65
 from engine.spectral.upsampling import evaluate_spectrum, spectrum_coefficients
-from engine.spectral.wavelengths import rgb_weight, rotate_hero
+from engine.spectral.wavelengths import rgb_weight, rotate_hero, wavelength_at
 from engine.state.lanes import RGB
+
+
+@kernel
+def start_wavelengths(spectrum, paths, lane, u):
+    """Draw a path's wavelengths by one number: the hero, then the others at equal steps round the density's [0, 1).
+
+    References: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling".
+    """
+    paths.hero[lane] = u
+    for c in range(len(paths.channels)):
+        paths.wavelength[lane, c] = wavelength_at(spectrum, rotate_hero(u, c))
+        paths.share[lane, c] = 1.0 / np.float32(len(paths.channels))
 
 
 @kernel

@@ -44,7 +44,7 @@ from engine.state.lanes import (
 )
 from engine.state.media import allocate_media_lanes
 from engine.state.passed_hits import allocate_passed_hits
-from engine.state.photons import PhotonLanes, allocate_photon_lanes
+from engine.state.photons import PhotonLanes, allocate_photon_lanes, photon_width
 from engine.state.shaders import RayOps, ShaderArrays, allocate_memory
 from engine.state.tracking import allocate_tracked_lanes
 from engine.state.unit import BRIDGE, Unit, UnitCosts
@@ -206,11 +206,14 @@ class _Counted:
         )
 
 
-def _photon_lanes(lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings) -> PhotonLanes:
+def _photon_lanes(
+    lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings, *, moves: bool
+) -> PhotonLanes:
     """Memory for photons, next to none where there are none."""
     if not settings.traces_photons:
         return allocate_photon_lanes(1, 1, 1, 1)
-    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count, piece_count)
+    width = photon_width(moves=moves, is_spectral=settings.channel_count > RGB)
+    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count, piece_count, width)
 
 
 class Batch:
@@ -230,11 +233,13 @@ class Batch:
         Whether there is room to record paths.
     piece_count : int
         Pieces of casters, from which photons begin.
+    moves : bool
+        Whether photons have a time that counts.
     """
 
     def __init__(
         self, shaders: ShaderArrays, pixel_count: int, settings: RenderSettings, layout: FilmLayout = PLAIN_LAYOUT,
-        *, is_guided: bool = False, records: bool = False, piece_count: int = 0,
+        *, is_guided: bool = False, records: bool = False, piece_count: int = 0, moves: bool = False,
     ) -> None:
         lanes, channel_count = LANE_COUNT, settings.channel_count
         # Both have one type, though only surfaces have AOVs: shaders are compiled once for both.
@@ -279,7 +284,7 @@ class Batch:
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             walks=allocate_walk_lanes(lanes, channel_count),
-            photons=_photon_lanes(lanes, pixel_count, piece_count, settings),
+            photons=_photon_lanes(lanes, pixel_count, piece_count, settings, moves=moves),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

@@ -2,7 +2,8 @@
 """Maps of photons, one for each range of samples: made by the threads that need them, the same whoever makes them.
 
 Radii shrink with all photons that have been sent off so far, so that the mean of the maps' estimates converges: bias
-goes with the square of the radius, noise with one over photons within it.
+goes with the square of the radius, noise with one over photons within it. Windows of time and wavelengths shrink with
+them (`engine.render.photon_windows`).
 
 References: Knaus and Zwicker 2011, "Progressive Photon Mapping: A Probabilistic Approach", Eq. (20) with alpha = 2/3.
 """
@@ -18,12 +19,16 @@ import numpy as np
 
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
+from engine.kernels.photon_windows import parts_of_times
 from engine.render.photon_radius import best_radius, radius_of_neighbours
 from engine.render.photon_starts import Starts
+from engine.render.photon_windows import Windows, share_of_photons
 from engine.state.photons import (
     GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_EXPECTED,
+    MAP_HALF_TIME,
+    MAP_HALF_WAVES,
     MAP_HEADER_WIDTH,
     MAP_INVERSE_CELL,
     MAP_NUMBERS,
@@ -32,7 +37,7 @@ from engine.state.photons import (
     MAP_RADIUS,
     MAP_SCALE,
     PHOTON_P,
-    PHOTON_WIDTH,
+    PHOTON_TIME,
     CasterArrays,
     PhotonMap,
     no_photons,
@@ -89,12 +94,14 @@ class _Growing:
 
     number : int; first, count : int, its photons
     radius : float or None, to be found [m]
+    shrunk : float, the radius over that of the second map
     """
 
     number: int
     first: int
     count: int
     radius: float | None
+    shrunk: float = 1.0
     next_chunk: int = 0
     found: dict[int, Float32Array] = field(default_factory=dict)
     made: PhotonMap | None = None
@@ -116,11 +123,14 @@ class PhotonMaps:
         Whether a trial decides if there are any.
     is_denoised : bool
         Whether the picture will be.
+    windows : Windows
     """
 
     def __init__(
-        self, pixel_count: int, casters: CasterArrays, *, is_tried: bool, is_denoised: bool = False
+        self, pixel_count: int, casters: CasterArrays, *, is_tried: bool, is_denoised: bool = False,
+        windows: Windows = Windows(),
     ) -> None:
+        self._windows = windows
         self._pixel_count, self._casters, self._is_tried = pixel_count, casters, is_tried
         self._is_denoised = is_denoised
         self._starts = Starts(casters)
@@ -174,13 +184,13 @@ class PhotonMaps:
 
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
-        count, radius = self._photons_of(number), None
-        if number > 1:
-            assert self._best_radius is not None
-            # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
-            shrunk = ((first + count) / (self._photons_of(0) + self._photons_of(1))) ** (-1.0 / 6.0)
-            radius = shrunk * self._best_radius
-        return _Growing(number, first, count, radius)
+        count = self._photons_of(number)
+        if number < 2:
+            return _Growing(number, first, count, None)
+        assert self._best_radius is not None
+        # Eq. (20): r^2 shrinks by the number of photons to the power of alpha - 1.
+        shrunk = ((first + count) / (self._photons_of(0) + self._photons_of(1))) ** self._windows.exponent
+        return _Growing(number, first, count, self._best_radius * shrunk, shrunk)
 
     def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
         begins = self._begins if number > 0 and self._begins is not None else self._first_begins
@@ -215,30 +225,37 @@ class PhotonMaps:
         growing.found.clear()
         radius, area = growing.radius, float(self._casters.area.sum())
         if growing.number == 0:
-            radius = self._at_most(radius_of_neighbours(photons, _FIRST_NEIGHBOURS, area))
+            radius = self._first_radius(radius_of_neighbours(photons, _FIRST_NEIGHBOURS, area))
         elif growing.number == 1:
-            self._best_radius = radius = self._at_most(best_radius(photons, area))
+            self._best_radius = radius = self._first_radius(best_radius(photons, area))
         assert radius is not None
-        made = make_map(photons, growing.count, radius, begins, is_denoised=self._is_denoised)
+        half_time = self._windows.half_time(radius / growing.shrunk, growing.shrunk)
+        half_waves = self._windows.half_waves(growing.shrunk)
+        made = make_map(
+            photons, growing.count, radius, begins, half_time, half_waves, is_denoised=self._is_denoised
+        )
         if self._begins is None:
             self._begins = self._starts.by_light(self._seen, made, growing.count)
         return made
 
-    def _at_most(self, radius: float) -> float:
+    def _first_radius(self, radius: float) -> float:
+        radius = self._windows.first_radius(radius)
         return min(radius, MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
 
 
 def make_map(
-    photons: Float32Array, emitted: int, radius: float, begins: PhotonMap, *, is_denoised: bool = False
+    photons: Float32Array, emitted: int, radius: float, begins: PhotonMap, half_time: float = 0.0,
+    half_waves: float = 0.0, *, is_denoised: bool = False,
 ) -> PhotonMap:
     """Photons sorted into a grid.
 
     Parameters
     ----------
-    photons : float32 (P, PHOTON_WIDTH), that have arrived
+    photons : float32 (P, `photon_width`), that have arrived
     emitted : int, that have been sent off
     radius : float [m]
     begins : PhotonMap, one without photons that says how these began
+    half_time, half_waves : float, MAP_HALF_TIME and MAP_HALF_WAVES
     is_denoised : bool
         Whether the picture will be.
     """
@@ -246,13 +263,17 @@ def make_map(
     numbers = np.zeros(MAP_NUMBERS, np.float32)
     disc = math.pi * radius * radius
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
-    numbers[MAP_EXPECTED] = emitted * disc / GATHERED_ONE_IN
+    numbers[MAP_HALF_TIME], numbers[MAP_HALF_WAVES] = half_time, half_waves
+    numbers[MAP_EXPECTED] = emitted * disc * share_of_photons(half_time, half_waves) / GATHERED_ONE_IN
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
     numbers[MAP_PIXELS] = MOST_PIXELS_DENOISED if is_denoised else MOST_PIXELS
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
     header[MAP_BUCKETS], header[MAP_ONE_IN] = buckets, ONE_IN_DENOISED if is_denoised else 0
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
-    sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
-    in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)
+    parts = np.zeros(len(photons), np.int64)
+    if half_time > 0.0:
+        parts_of_times(photons[:, PHOTON_TIME], numbers[MAP_HALF_TIME], parts)
+    sort_into_buckets(photons, parts, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
+    in_order = np.ascontiguousarray(photons[order])
     places = np.ascontiguousarray(in_order[:, PHOTON_P : PHOTON_P + 3])
     return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, places, in_order)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Within which radius photons are gathered: that of the least error, of light that is known by photons alone.
+"""Within which radius photons are gathered: that of the least error where photons alone know the light.
 
-A large disc blurs, a small one has few photons. Squared bias goes with the radius to the fourth power and noise with one
-over its square, so that the best radius falls with the number of photons to the power of -1/6, as radii of photon maps
-do: what is best for the first of them is so for all.
+A large disc blurs, a small one has few photons. Squared bias goes with the radius to the fourth power and noise with
+one over its square, so that the best radius falls with the number of photons to the power of -1/6, as radii of photon
+maps do: what is best for the first of them is so for all.
 
 References: Silverman 1986, "Density Estimation for Statistics and Data Analysis", section 4.3.1: the best width in two
 dimensions.

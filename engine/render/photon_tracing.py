@@ -13,10 +13,12 @@ from engine.builder.scene import Scene
 from engine.render.batch import Batch
 from engine.render.photon_maps import NO_PHOTONS, PhotonMaps
 from engine.render.photon_trial import TracePixels, photons_pay, pixel_radius
+from engine.render.photon_windows import Windows
 from engine.render.scene_header import has_photons
 from engine.runtime.jit import BoundKernel, in_python
 from engine.settings import RenderSettings
-from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, PhotonMap
+from engine.state.lanes import RGB
+from engine.state.photons import MAP_IS_TRIED, MAP_RADIUS, CasterArrays, PhotonMap
 from engine.state.unit import PLAIN, Unit
 from engine.wavefront.columns import (
     PHOTONS,
@@ -57,6 +59,11 @@ def of_photons(arguments: tuple[Any, ...]) -> tuple[Any, ...]:
     return stages, scene, unit, guidance, work, stop
 
 
+def room_for_photons(casters: CasterArrays) -> dict[str, Any]:
+    """What a `Batch` has to know of the casters."""
+    return {"piece_count": len(casters.area), "moves": bool(casters.motion[0] > 0.0)}
+
+
 class PhotonTracing:
     """Photons of a tracer's renders, one after the other; shared by all threads."""
 
@@ -72,8 +79,10 @@ class PhotonTracing:
             x0, y0, x1, y1 = self._region
             # Where Filter Glossy blurs what it may, the picture would depend on the trial.
             is_tried = settings.caustics == "AUTO" and not settings.filter_glossy > 0.0
+            windows = Windows(float(scene.casters.motion[0]), settings.channel_count > RGB)
             self.maps = PhotonMaps(
-                (x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried, is_denoised=settings.use_denoising
+                (x1 - x0) * (y1 - y0), scene.casters, is_tried=is_tried, is_denoised=settings.use_denoising,
+                windows=windows,
             )
 
     def unlink(self) -> None:

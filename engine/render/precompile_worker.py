@@ -208,7 +208,8 @@ def _compile_photons() -> None:
     scene = small_scene()
     mirror = Node("ShaderNodeBsdfAnisotropic", "Mirror", {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": 0.0})
     scene.materials[0].graph = NodeGraph([mirror], Link(0, "BSDF"))
-    _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0)
+    for spectral in ("OFF", "ON"):
+        _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0, spectral=spectral)
 
 
 def _compile_curves() -> None:

@@ -123,14 +123,8 @@ def _why_no_photons(settings: RenderSettings, scene: Scene) -> str:
         return "are not asked for: caustics are off"
     if settings.caustics == "AUTO" and settings.filter_glossy > 0.0 and not scene.description.asks_for_caustics:
         return "would be sharp, and Filter Glossy asks for blurred ones"
-    if settings.spectral == "ON":
-        return "know no wavelengths"
     if scene.media.varies:
         return "know no media that vary"
-    if scene.lights.links.blockers.shape[1] != 0:
-        return "know no linked shadows"
-    if scene.has_catchers:
-        return "know no shadow catchers"
     if scene.description.fast_gi.bounces > 0:
         return "know no Fast Global Illumination"
     return ""

@@ -24,7 +24,7 @@ from engine.guiding.policy.guidance import Guidance
 from engine.render.batch import LANES_AMONG_STRANDS, Arm, Batch
 from engine.render.node_rays import LinkedNodeRays
 from engine.render.photon_maps import NO_PHOTONS
-from engine.render.photon_tracing import PhotonTracing
+from engine.render.photon_tracing import PhotonTracing, room_for_photons
 from engine.render.python_stages import python_stages
 from engine.render.scene_header import lights_of, scene_header
 from engine.render.unit_header import unit_header
@@ -203,7 +203,7 @@ class Tracer:
             Whether paths are guided, and recorded.
         """
         settings, shaders = self._settings, self.view.shaders
-        room: dict[str, Any] = {"is_guided": is_guided, "records": records, "piece_count": len(self.view.casters.area)}
+        room: dict[str, Any] = {"is_guided": is_guided, "records": records, **room_for_photons(self.view.casters)}
         key = (count, pixel_count, self.layout, settings, *room.values())
         if key != self._batch_key:
             self._batches, self._batch_key = [], None

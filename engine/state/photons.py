@@ -25,6 +25,13 @@ PHOTON_BOUNCES = _photon.take()
 PHOTON_START = _photon.take()  # where it began, a row of PhotonMap.place_density
 #: A cache line of float32.
 PHOTON_WIDTH = _photon.width(16)
+# Where something moves, or paths have wavelengths, rows are longer (`photon_width`).
+PHOTON_TIME = _photon.take()  # in [0, 1], of the shutter
+PHOTON_MOVES = _photon.take()  # instance on which it has arrived, if that moves, else -1
+PHOTON_HERO = _photon.take()  # as `PathState.hero`
+_photon.take()
+PHOTON_POWERS = _photon.take(4)  # [W], at its wavelengths; PHOTON_POWER is their mean then
+PHOTON_WIDTH_MORE = _photon.width(16)
 
 #: See PHOTON_BOUNCES. Blender's limits are 1024.
 BOUNCE_LIMIT = 2048
@@ -48,15 +55,24 @@ MAP_INVERSE_CELL = 1  # of the grid [m^-1]
 MAP_SCALE = 2
 #: Such photons times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
 MAP_EXPECTED = 3
+#: Half of the windows in which photons are gathered: of the shutter, and of [0, 1), by which wavelengths are drawn; 0:
+#: whenever they have arrived, and with three channels. MAP_SCALE and MAP_EXPECTED count the photons of the windows.
+MAP_HALF_TIME = 4
+MAP_HALF_WAVES = 5
 #: Paths that have met nothing diffuse gather within so many radii of their pixel, at most.
-MAP_PIXELS = 4
-MAP_NUMBERS = 5
+MAP_PIXELS = 6
+MAP_NUMBERS = 7
 
 # Bits of CasterArrays.instances
 MAY_CAST = 1
 MAY_GATHER = 2
+MOVES = 4
 #: Photons go through a caster's surfaces.
 REFRACTS = 8
+
+#: When casters have the areas by which photons begin, and surfaces are where photons are gathered on them: the middle
+#: of the shutter.
+RESTING = np.float32(0.5)
 
 
 class CasterArrays(Bundle):
@@ -67,8 +83,9 @@ class CasterArrays(Bundle):
     first_piece : int32 (T,), -1: the triangle is no caster
     level : int32 (T,)
     row : int32 (P,), the pieces' triangles; group : int32 (P,), those that lie together have the same number
-    area : float32 (P,), of the pieces in the world [m^2]
-    instances : uint8 (I,), MAY_* bits: those that move neither cast nor gather
+    area : float32 (P,), of the pieces in the world, in the middle of the shutter [m^2]
+    instances : uint8 (I,), MAY_* and MOVES
+    motion : float32 (1,), how far things go while the shutter is open, at most, about [m]
     lights : LightArrays, by the tree alone: nothing learned
     """
 
@@ -81,6 +98,7 @@ class CasterArrays(Bundle):
     group: Int32Array
     area: Float32Array
     instances: Uint8Array
+    motion: Float32Array
     lights: LightArrays
 
 
@@ -93,8 +111,10 @@ class PhotonMap(Bundle):
     place_density : float32 (S,), with which they begin at a place of a piece, on that side [m^-2]
     starts : int32 (H + 1,), first photon of each bucket
     places : float32 (P, 3), where they have arrived, which is asked for most
-    photons : float32 (P, PHOTON_WIDTH)
+    photons : float32 (P, `photon_width`)
     """
+
+    _dynamic = frozenset({"photons"})
 
     header: Int64Array
     numbers: Float32Array
@@ -124,19 +144,27 @@ class PhotonLanes(Bundle):
         "of a trial's pixels, by row of the film: what was gathered, the second moment of what paths alone would have "
         "found of it, mean over channels, and the pixel's radius where it gathers first [m]", "M", 3,
     )
-    found: Float32Array = column("photons that have arrived", "F", PHOTON_WIDTH)
+    found: Float32Array = column("photons that have arrived, `photon_width` numbers each", "F", "W", is_dynamic=True)
 
 
-def allocate_photon_lanes(lane_count: int, photon_count: int, pixel_count: int, piece_count: int) -> PhotonLanes:
-    """Zeroed `PhotonLanes`."""
-    return allocate(PhotonLanes, {"L": lane_count, "F": photon_count, "M": pixel_count, "S": 2 * piece_count})
+def photon_width(*, moves: bool, is_spectral: bool) -> int:
+    """Numbers of a photon: a cache line, or two where something moves or paths have wavelengths."""
+    return PHOTON_WIDTH_MORE if moves or is_spectral else PHOTON_WIDTH
+
+
+def allocate_photon_lanes(
+    lane_count: int, photon_count: int, pixel_count: int, piece_count: int, width: int = PHOTON_WIDTH
+) -> PhotonLanes:
+    """Zeroed `PhotonLanes`, photons of so many numbers."""
+    sizes = {"L": lane_count, "F": photon_count, "M": pixel_count, "S": 2 * piece_count, "W": width}
+    return allocate(PhotonLanes, sizes)
 
 
 def no_casters(lights: LightArrays) -> CasterArrays:
     """`CasterArrays` of scenes without photons."""
     return CasterArrays(
         **{name: np.zeros(0, np.int32) for name in CasterArrays._fields[:7]},
-        area=np.zeros(0, np.float32), instances=np.zeros(0, np.uint8), lights=lights,
+        area=np.zeros(0, np.float32), instances=np.zeros(0, np.uint8), motion=np.zeros(1, np.float32), lights=lights,
     )  # fmt: skip
 
 

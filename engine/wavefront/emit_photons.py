@@ -14,16 +14,18 @@ import numpy as np
 from engine.kernels.bsdf import reset_closures
 from engine.kernels.bsdf.closures import append_closure
 from engine.kernels.bsdf.kinds import DIFFUSE
-from engine.kernels.camera import sample_table
 from engine.kernels.caster_pieces import place_in_piece
-from engine.kernels.caustics import LEAST_COSINE, UNMET
+from engine.kernels.caustics import LEAST_COSINE, UNMET, rays_find
 from engine.kernels.path import real_3
 from engine.kernels.path_depths import reset_depths
+from engine.kernels.photon_motion import density_of_start
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, pixel_hash, sample_4d
+from engine.kernels.spectrum import start_wavelengths
 from engine.kernels.surface import offset_origin, prepare_point, surface_point
 from engine.kernels.vector import dot, load, negate, store
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
+    CLOSURE_WEIGHT,
     LIGHT_USES_MIS,
     POINT_NG,
     POINT_NS,
@@ -31,6 +33,7 @@ from engine.state.lanes import (
     RAY_DIFFUSE,
     RAY_DIFFUSE_ANCESTOR,
     RAY_REFLECT,
+    RGB,
 )
 from engine.state.lights import (
     EMITTER_KIND,
@@ -115,20 +118,23 @@ def place_photons(scene, unit, work, queue):
     for lane in range(placed):
         sample = header[UNIT_SAMPLE_FIRST] + first + lane
         u0, u1, u2, u3 = sample_4d(rng, sample, SET_FILTER_LENS)
-        time_u, _, _, _ = sample_4d(rng, sample, SET_TIME)
+        # At any time alike, so that no time is without photons that the camera sees little of.
+        time, hero, _, _ = sample_4d(rng, sample, SET_TIME)
         # More bits than one number has: there may be millions of pieces.
         start = _draw_row(grid.cumulative, np.float64(u0) + np.float64(u3) * 2.0**-24)
-        piece, density = start >> 1, grid.place_density[start]
+        piece = start >> 1
         row = casters.row[piece]
         instance, triangle = np.int64(casters.instance[row]), np.int64(casters.triangle[row])
         root = math.sqrt(u1)
         u, v = np.float32(1.0 - root), np.float32(u2 * root)
         u, v = place_in_piece(piece - np.int64(casters.first_piece[row]), casters.level[row], u, v)
-        time = sample_table(scene.shutter, time_u)
+        density = density_of_start(scene, start, instance, triangle, time)
         p, ng, _ns, _error = surface_point(geometry, instance, triangle, u, v, time)
         if start & 1:
             ng = negate(ng)
         _begin_lane(paths, work.passes, lane, time, sample, rng, np.float32(1.0) / density)
+        if len(paths.channels) > RGB:
+            start_wavelengths(scene.spectrum, paths, lane, hero)
         work.photons.place_density[lane] = density
         work.photons.start[lane] = start
         # Seen from the side that asks.
@@ -146,6 +152,8 @@ def place_photons(scene, unit, work, queue):
         reset_closures(closures, lane, ns, 0)
         # Its value is the cosine.
         append_closure(closures, lane, DIFFUSE, (_PI, _PI, _PI), ns)
+        for c in range(RGB, len(paths.channels)):
+            closures.param[lane, 0, CLOSURE_WEIGHT + c] = _PI
         work.log.count[lane] = 0
         work.log.is_recording[lane] = 0
         work.guided.rough_share[lane] = 0.0
@@ -191,8 +199,10 @@ def launch_photons(scene, unit, work, queue):
             paths.throughput[lane, c] = power
             largest = max(largest, abs(power))
         # Lamps that are to be found by light samples alone cast no caustics, as in Cycles, unless they have no size.
-        is_met = samples.flags[lane] & LIGHT_USES_MIS != 0
-        if not largest > 0.0 or not math.isfinite(largest) or not (is_met or _is_delta(lights, samples.emitter[lane])):
+        emitter = np.int64(samples.emitter[lane])
+        uses_mis = samples.flags[lane] & LIGHT_USES_MIS != 0
+        is_met = uses_mis and rays_find(lights, emitter)
+        if not largest > 0.0 or not math.isfinite(largest) or not (uses_mis or _is_delta(lights, emitter)):
             paths.alive[lane] = 0
             continue
         wi = load(samples.direction, lane)

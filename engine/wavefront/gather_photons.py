@@ -17,9 +17,12 @@ from engine.kernels.caustics import LEAST_COSINE, expected_photons, may_gather, 
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
+from engine.kernels.photon_motion import density_of_start, growth_at, resting_place
+from engine.kernels.photon_windows import part_of_time, power_of_channel, window_weight
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance
 from engine.kernels.rng import hash_combine
+from engine.kernels.spectrum import to_rgb
 from engine.kernels.vector import dot, load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -32,11 +35,14 @@ from engine.state.lanes import (
     RAY_SINGULAR,
     RAY_SUBSURFACE,
     RAY_TRANSPARENT,
+    RGB,
 )
 from engine.state.photons import (
     BOUNCE_LIMIT,
     GATHERED_ONE_IN,
     MAP_BUCKETS,
+    MAP_HALF_TIME,
+    MAP_HALF_WAVES,
     MAP_INVERSE_CELL,
     MAP_IS_TRIED,
     MAP_ONE_IN,
@@ -46,10 +52,13 @@ from engine.state.photons import (
     PHOTON_BOUNCES,
     PHOTON_DENSITY,
     PHOTON_GROUP,
+    PHOTON_MOVES,
     PHOTON_NG,
     PHOTON_POWER,
+    PHOTON_TIME,
     PHOTON_WI,
 )
+from engine.wavefront.columns import UNIT_FOLLOWS
 from engine.wavefront.disc_tries import FLATNESS, SAME_SURFACE, tries_in_disc
 
 _SUBSET_SEED = np.uint32(0x3C6EF372)
@@ -101,12 +110,55 @@ def _disc_of(header, numbers, paths, points, lane):
 
 
 @kernel
+def _weight_of_time(grid, time, mover, part, row):
+    """How often a photon counts for a path's time; 0 where it has arrived on something else that moves.
+
+    Parameters
+    ----------
+    mover : float32, as PHOTON_MOVES; part : int, of the shutter, in which it is looked for
+    """
+    photons, half = grid.photons, grid.numbers[MAP_HALF_TIME]
+    if not half > 0.0:
+        return np.float32(1.0)
+    if part_of_time(photons[row, PHOTON_TIME], half) != part or photons[row, PHOTON_MOVES] != mover:
+        return np.float32(0.0)
+    return window_weight(time, photons[row, PHOTON_TIME], half)
+
+
+@kernel
+def _powers(grid, paths, lane, row):
+    """What a photon brings to each of a path's channels, the fourth 0 in RGB [W]."""
+    photons = grid.photons
+    if len(paths.channels) > RGB:
+        hero, half = paths.hero[lane], grid.numbers[MAP_HALF_WAVES]
+        return (
+            power_of_channel(photons, row, hero, 0, half), power_of_channel(photons, row, hero, 1, half),
+            power_of_channel(photons, row, hero, 2, half), power_of_channel(photons, row, hero, 3, half),
+        )  # fmt: skip
+    return photons[row, PHOTON_POWER], photons[row, PHOTON_POWER + 1], photons[row, PHOTON_POWER + 2], np.float32(0.0)
+
+
+@kernel
+def _note_found(scene, work, lane, over, expected):
+    """Tell a trial of a photon whose light is in row `lane` of `work.f_cos`; all of it is `over` times that."""
+    tried, pixel = work.photons.tried, work.paths.pixel[lane]
+    r, g, b = to_rgb(scene.spectrum, work.paths, lane, work.f_cos, lane)
+    whole = over * np.float32(1.0 / 3.0)
+    tried[pixel, 0] += whole * (r + g + b)
+    tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (r * r + g * g + b * b)
+
+
+@kernel
 def _gather(scene, work, lane):
     """Add what photons bring to a lane's surface."""
     grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
     photons, places, numbers = grid.photons, grid.places, grid.numbers
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
-    p, wo, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+    wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+    p, n, mover, growth = resting_place(scene, paths, points, lane)
+    time, half_time = paths.time[lane], numbers[MAP_HALF_TIME]
+    first_part = part_of_time(max(time - half_time, np.float32(0.0)), half_time)
+    parts = part_of_time(min(time + half_time, np.float32(1.0)), half_time) - first_part + 1
     radius, one_in, disc = _disc_of(grid.header, numbers, paths, points, lane)
     inverse_cell, squared, is_tried = numbers[MAP_INVERSE_CELL], radius * radius, grid.header[MAP_IS_TRIED] != 0
     work.photons.disc[lane] = disc
@@ -118,13 +170,14 @@ def _gather(scene, work, lane):
     # Cells are at least twice as wide as the disc: eight hold it, or fewer.
     x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
     x1, y1, z1 = cell_of((p[0] + radius, p[1] + radius, p[2] + radius), inverse_cell)
-    sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    tries = np.float32(0.0)
-    for corner in range(8):
-        x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
+    sum0, sum1, sum2, sum3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    tries, value3 = np.float32(0.0), np.float32(0.0)
+    for corner in range(8 * parts):
+        x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2 & 1)
         if x > x1 or y > y1 or z > z1:
             continue
-        bucket = bucket_of(x, y, z, mask)
+        part = first_part + (corner >> 3)
+        bucket = bucket_of(x, y, z, part, mask)
         first, last = np.int64(grid.starts[bucket]), np.int64(grid.starts[bucket + 1])
         # Each photon of a bucket is in one of its parts.
         rows = last - first
@@ -136,10 +189,13 @@ def _gather(scene, work, lane):
             if cell_of(q, inverse_cell) != (x, y, z):
                 # Another cell that shares the bucket.
                 continue
-            if abs(dx * ng[0] + dy * ng[1] + dz * ng[2]) > FLATNESS * radius:
+            if abs(dx * n[0] + dy * n[1] + dz * n[2]) > FLATNESS * radius:
                 continue
             normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
-            if not abs(dot(normal, ng)) > SAME_SURFACE:
+            if not abs(dot(normal, n)) > SAME_SURFACE:
+                continue
+            weight, power = _weight_of_time(grid, time, mover, part, row), _powers(grid, paths, lane, row)
+            if not weight * (power[0] + power[1] + power[2] + power[3]) > 0.0:
                 continue
             if not _is_of_path(scene.options, paths, lane, photons, row):
                 continue
@@ -148,22 +204,23 @@ def _gather(scene, work, lane):
             cosine = max(abs(dot(ng, wi)), LEAST_COSINE)
             if not pdf > 0.0:
                 continue
-            expected = expected_photons(disc * ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
-            alone = numbers[MAP_SCALE] / (disc * cosine)
+            share = growth * disc
+            expected = expected_photons(share * ratio_at(ng, wi, pdf), photons[row, PHOTON_DENSITY], numbers)
+            alone = weight * numbers[MAP_SCALE] / (cosine * share)
             factor = alone * expected / (np.float32(1.0) + expected)
             if tries == 0.0:
                 seed = hash_combine(hashed ^ _DISC_SEED, np.uint32(paths.dimension[lane]))
-                tries = tries_in_disc(scene, work, lane, p, ng, radius, seed)
+                tries = tries_in_disc(scene, work, lane, real_3(points, lane, POINT_P), ng, radius, seed)
             factor *= tries
-            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * photons[row, PHOTON_POWER]
-            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
-            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
+            value0 = factor * paths.throughput[lane, 0] * f_cos[lane, 0] * power[0]
+            value1 = factor * paths.throughput[lane, 1] * f_cos[lane, 1] * power[1]
+            value2 = factor * paths.throughput[lane, 2] * f_cos[lane, 2] * power[2]
+            if len(paths.channels) > RGB:
+                value3 = factor * paths.throughput[lane, 3] * f_cos[lane, 3] * power[3]
+                f_cos[lane, 3] = value3
             if is_tried:
-                whole, tried, pixel = alone / factor * np.float32(1.0 / 3.0), work.photons.tried, paths.pixel[lane]
-                tried[pixel, 0] += whole * (value0 + value1 + value2)
-                tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (
-                    value0 * value0 + value1 * value1 + value2 * value2
-                )
+                f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
+                _note_found(scene, work, lane, alone / factor, expected)
             if splits:
                 if paths.depth[lane] == 0:
                     passes = work.passes
@@ -174,9 +231,21 @@ def _gather(scene, work, lane):
                 sum0 += value0
                 sum1 += value1
                 sum2 += value2
-    if not splits and sum0 + sum1 + sum2 > 0.0 and math.isfinite(sum0 + sum1 + sum2):
+                sum3 += value3
+    total = sum0 + sum1 + sum2 + sum3
+    if not splits and total > 0.0 and math.isfinite(total):
         f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = sum0, sum1, sum2
+        if len(paths.channels) > RGB:
+            f_cos[lane, 3] = sum3
         _add(scene.options, paths, work.passes, lane, f_cos, -1)
+
+
+@kernel
+def _counts(scene, unit):
+    """Whether photons are there for a unit's paths: not where they have been given up, and not for followers, who see
+    shadow catchers alone and no casters.
+    """
+    return scene.photons.numbers[MAP_RADIUS] > 0.0 and unit.header[UNIT_FOLLOWS] == 0
 
 
 @kernel
@@ -188,8 +257,7 @@ def gather_photons(scene, unit, work, queue):
     queue : LaneQueue
         `work.surface`, shaded.
     """
-    if not scene.photons.numbers[MAP_RADIUS] > 0.0:
-        # They have been given up.
+    if not _counts(scene, unit):
         return
     paths, points, closures = work.paths, work.points, work.closures
     lanes, lane_count = queue.lanes, queue.count[0]
@@ -213,7 +281,7 @@ def mark_caustics(scene, unit, work, queue):
     queue : LaneQueue
         `work.surface`, from which paths have gone on.
     """
-    if not scene.photons.numbers[MAP_RADIUS] > 0.0:
+    if not _counts(scene, unit):
         return
     paths, points, closures, f_cos = work.paths, work.points, work.closures, work.f_cos
     photons, grid = work.photons, scene.photons
@@ -237,7 +305,9 @@ def mark_caustics(scene, unit, work, queue):
                 start = start_at(scene.casters, paths, points, lane, load(paths.direction, lane))
                 if start >= 0:
                     flags |= RAY_CAUSTIC
-                    photons.place_density[lane] = grid.place_density[start]
+                    photons.place_density[lane] = density_of_start(
+                        scene, start, instance, np.int64(paths.hit_triangle[lane]), paths.time[lane]
+                    )
                     if is_tried:
                         photons.seen[start] += np.float32(1.0)
         else:
@@ -248,5 +318,6 @@ def mark_caustics(scene, unit, work, queue):
                 pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
                 if pdf > 0.0:
                     flags |= RAY_GATHERED
-                    photons.ratio[lane] = photons.disc[lane] * ratio_at(ng, wi, pdf)
+                    growth = growth_at(scene, instance, np.int64(paths.hit_triangle[lane]), paths.time[lane])
+                    photons.ratio[lane] = growth * photons.disc[lane] * ratio_at(ng, wi, pdf)
         paths.flags[lane] = flags

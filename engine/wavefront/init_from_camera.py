@@ -9,9 +9,10 @@ from engine.kernels.path_depths import reset_depths
 from engine.kernels.prefetch import ask_for_history, ask_for_ray, ask_for_throughput
 from engine.kernels.rng import SET_FILTER_LENS, SET_TIME, SETS_BEFORE_VERTICES, hash_combine, pixel_hash, sample_4d
 from engine.kernels.rounding import floor_of
+from engine.kernels.spectrum import start_wavelengths
 from engine.kernels.vector import add, dot, scale, store
 from engine.runtime.jit import kernel
-from engine.spectral.wavelengths import WAVELENGTH_COUNT, rotate_hero, wavelength_at
+from engine.spectral.wavelengths import WAVELENGTH_COUNT
 from engine.state.lanes import RAY_CAMERA, RAY_MIS_SKIP, RAY_TRANSPARENT_BACKGROUND, RGB
 from engine.state.unit import ALL_STRATA
 from engine.wavefront.columns import (
@@ -29,18 +30,6 @@ from engine.wavefront.columns import (
 )
 
 _LANES_AHEAD = 4
-
-
-@kernel
-def start_wavelengths(spectrum, paths, lane, u):
-    """Draw a path's wavelengths by one number: the hero, then the others at equal steps round the density's [0, 1).
-
-    References: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling".
-    """
-    paths.hero[lane] = u
-    for c in range(len(paths.channels)):
-        paths.wavelength[lane, c] = wavelength_at(spectrum, rotate_hero(u, c))
-        paths.share[lane, c] = 1.0 / np.float32(len(paths.channels))
 
 
 @kernel

@@ -11,17 +11,18 @@ import numpy as np
 
 from engine.kernels.bsdf import DELTA_LOBES, sample_among
 from engine.kernels.bsdf.closures import read3
+from engine.kernels.bsdf.dispersion import share_densities
 from engine.kernels.bsdf.evaluate import EVERY_LOBE
-from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, SUBSURFACE, TRANSPARENT
+from engine.kernels.bsdf.kinds import ALPHA_X, ALPHA_Y, CLOSURE_DISPERSES, SUBSURFACE, TRANSPARENT
 from engine.kernels.caustics import LEAST_COSINE, UNMET, may_gather, sends_photons_on, share_of_scattering
 from engine.kernels.path import pass_through, real_3, scatter_path
+from engine.kernels.photon_motion import resting_place
 from engine.kernels.rng import SET_BSDF, SETS_PER_VERTEX, sample_4d
 from engine.kernels.vector import add, dot, normalize, scale
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
     CLOSURE_N,
     POINT_NG,
-    POINT_P,
     POINT_WO,
     RAY_ENDS,
     RAY_GLOSSY,
@@ -30,17 +31,23 @@ from engine.state.lanes import (
     RAY_SUBSURFACE,
     RAY_TRANSMIT,
     RAY_TRANSPARENT,
+    RGB,
 )
 from engine.state.photons import (
     BOUNCE_LIMIT,
     PHOTON_BOUNCES,
     PHOTON_DENSITY,
     PHOTON_GROUP,
+    PHOTON_HERO,
+    PHOTON_MOVES,
     PHOTON_NG,
     PHOTON_P,
     PHOTON_POWER,
+    PHOTON_POWERS,
     PHOTON_START,
+    PHOTON_TIME,
     PHOTON_WI,
+    PHOTON_WIDTH,
 )
 from engine.wavefront.columns import PHOTONS
 
@@ -58,16 +65,26 @@ def _is_kept(scene, closures, lane, instance):
 
 
 @kernel
-def _keep(work, lane, row):
+def _keep(scene, work, lane, row):
     """Write the lane's photon into a row of those that have arrived."""
     paths, points, photons = work.paths, work.points, work.photons
     found = photons.found
-    p, wi, ng = real_3(points, lane, POINT_P), real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
+    wi = real_3(points, lane, POINT_WO)
+    p, ng, mover, _growth = resting_place(scene, paths, points, lane)
+    if found.shape[1] > PHOTON_WIDTH:
+        found[row, PHOTON_TIME], found[row, PHOTON_MOVES] = paths.time[lane], mover
     for k in range(3):
         found[row, PHOTON_P + k] = p[k]
         found[row, PHOTON_WI + k] = wi[k]
         found[row, PHOTON_NG + k] = ng[k]
         found[row, PHOTON_POWER + k] = paths.throughput[lane, k]
+    if len(paths.channels) > RGB:
+        found[row, PHOTON_HERO], mean = paths.hero[lane], np.float32(0.0)
+        for c in range(len(paths.channels)):
+            found[row, PHOTON_POWERS + c] = paths.throughput[lane, c]
+            mean += paths.throughput[lane, c] / np.float32(len(paths.channels))
+        for k in range(3):
+            found[row, PHOTON_POWER + k] = mean
     found[row, PHOTON_DENSITY] = photons.density[lane]
     found[row, PHOTON_GROUP] = np.float32(photons.group[lane])
     passed = paths.depth[lane] - paths.glossy_depth[lane]
@@ -144,7 +161,7 @@ def keep_photons(scene, unit, work, queue):
         flags, depth = paths.flags[lane], paths.depth[lane]
         instance = np.int64(paths.hit_instance[lane])
         if depth > 0 and kept < most and _is_kept(scene, closures, lane, instance):
-            _keep(work, lane, kept)
+            _keep(scene, work, lane, kept)
             kept += 1
         if flags & RAY_ENDS:
             continue
@@ -193,6 +210,9 @@ def keep_photons(scene, unit, work, queue):
         factor /= survival
         for c in range(len(paths.channels)):
             paths.throughput[lane, c] *= f_cos[lane, c] * factor
+        if len(paths.channels) > RGB:
+            if closures.flags[lane] & CLOSURE_DISPERSES:
+                share_densities(paths, lane, pdf, f_cos, lane)
         if is_passed:
             pass_through(options, paths, points, lane)
         else:

@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.kernels.caster_pieces import start_at
 from engine.kernels.caustics import (
+    rays_find,
     receiver_on_caster,
     sends_photons_on,
     share_beside_photons,
@@ -16,6 +17,7 @@ from engine.kernels.caustics import (
 )
 from engine.kernels.lights import any_lamp_pdf, background_pdf, tree_of_receiver, triangle_emitter_pdf
 from engine.kernels.path import real_3
+from engine.kernels.photon_motion import density_of_start
 from engine.kernels.vector import load
 from engine.runtime.jit import kernel
 from engine.state.lanes import LIGHT_USES_MIS, POINT_NS, POINT_P, RAY_GATHERED
@@ -70,7 +72,7 @@ def leave_to_photons(scene, unit, work, queue):
         lane = lanes[k]
         if not paths.flags[lane] & RAY_GATHERED or not samples.flags[lane] & LIGHT_USES_MIS:
             continue
-        if not sends_photons_on(closures, lane):
+        if not sends_photons_on(closures, lane) or not rays_find(scene.lights, np.int64(samples.emitter[lane])):
             continue
         wi = load(samples.direction, lane)
         start = start_at(scene.casters, paths, points, lane, wi)
@@ -86,7 +88,8 @@ def leave_to_photons(scene, unit, work, queue):
         )
         if not pdf > 0.0:
             continue
-        density = pdf * scene.photons.place_density[start] / cosine
+        instance, triangle = np.int64(paths.hit_instance[lane]), np.int64(paths.hit_triangle[lane])
+        density = pdf * density_of_start(scene, start, instance, triangle, paths.time[lane]) / cosine
         density *= share_of_scattering(samples.bsdf_pdf[lane], pdf)
         share = share_beside_photons(scene, work, lane, density)
         for c in range(len(paths.channels)):

@@ -8,11 +8,12 @@ import numpy as np
 from engine.guiding.records.vertices import log_arrival
 from engine.kernels.bsdf import blur_glossy
 from engine.kernels.bsdf.kinds import TRANSPARENT
-from engine.kernels.caustics import caster_receiver, sends_photons_on, share_of_path
+from engine.kernels.caustics import caster_receiver, rays_find, sends_photons_on, share_of_path
 from engine.kernels.clamping import found_alone, settle_roulette
 from engine.kernels.lights import (
     Receiver,
     has_blockers,
+    links_shadows,
     surface_shines,
     tree_of_ray,
     triangle_emitter,
@@ -70,6 +71,10 @@ def _share_of_surface(scene, work, lane):
     """What a path counts of a glowing surface that photons find too."""
     paths, lights = work.paths, scene.casters.lights
     asking, cosine = caster_receiver(paths, lane, lights)
+    emitter = triangle_emitter(lights, asking.tree, paths.hit_instance[lane], paths.hit_triangle[lane])
+    if links_shadows(lights) and emitter >= 0 and not rays_find(lights, emitter):
+        # Photons find it through what casts no shadow too.
+        return np.float32(0.0)
     pdf = triangle_emitter_pdf(
         lights, scene.geometry, asking, paths.hit_instance[lane], paths.hit_triangle[lane], load(paths.direction, lane),
         paths.mis_distance[lane] + paths.hit_distance[lane], paths.time[lane],

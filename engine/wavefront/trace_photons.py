@@ -2,7 +2,7 @@
 """The loop that sends photons off, compiled as that of paths is (`trace_rounds.py`)."""
 
 from engine.runtime.jit import kernel
-from engine.wavefront.columns import SCENE_HAS_DENSE_MEDIA, SCENE_HAS_MEDIA, UNIT_SHADER_MODE
+from engine.wavefront.columns import SCENE_HAS_DENSE_MEDIA, SCENE_HAS_MEDIA, SCENE_IS_SPECTRAL, UNIT_SHADER_MODE
 from engine.wavefront.trace_rounds import evaluate, prepare_surfaces, sample_lights
 
 
@@ -34,6 +34,8 @@ def trace_photons(stages, scene, unit, guidance, work, stop):
         while work.traced.count[0] > 0:
             prepare_surfaces(stages, scene, unit, work)
             evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
+            if scene.header[SCENE_IS_SPECTRAL] != 0:
+                stages.upsample_closures(scene, unit, work, work.surface)
             stages.keep_photons(scene, unit, work, work.surface)
             if has_media:
                 stages.cross_boundaries(scene, unit, work, work.surface)

@@ -13,10 +13,9 @@ import numpy as np
 
 from engine.kernels.angles import sine_and_cosine, upper_angle
 from engine.kernels.eight import absolute, choose, larger, load_eight, root, store_eight
-from engine.kernels.motion import point_to_world, triangle_at
+from engine.kernels.motion import moving_triangle
 from engine.kernels.vector import add, cross, dot, scale, subtract
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS, INSTANCE_MESH
 from engine.state.lanes import (
     DRAW_DIRECTION,
     DRAW_DISTANCE,
@@ -43,23 +42,12 @@ _LARGEST_SOLID_ANGLE = np.float32(6.2)
 _FIRST = np.int64(0)
 
 
-@kernel
-def _moving_triangle(geometry, instance, triangle, time):
-    """World space vertices of a triangle that moves or changes its shape."""
-    v0, v1, v2 = triangle_at(geometry, geometry.instance_table[instance, INSTANCE_MESH], triangle, time)
-    if not geometry.instance_table[instance, INSTANCE_FLAGS] & INSTANCE_FLAG_BAKED:
-        v0 = point_to_world(geometry, instance, time, v0)
-        v1 = point_to_world(geometry, instance, time, v1)
-        v2 = point_to_world(geometry, instance, time, v2)
-    return v0, v1, v2
-
-
 @kernel(forceinline=True)
 def emissive_triangle(lights, geometry, emitter, time):
     """An emissive triangle at a time of the shutter: its first vertex and the two edges from it, world space."""
     triangles = lights.triangles
     if lights.emitters[emitter, EMITTER_FLAGS] & EMITTER_MOVING:
-        v0, v1, v2 = _moving_triangle(
+        v0, v1, v2 = moving_triangle(
             geometry, lights.emitters[emitter, EMITTER_INSTANCE], lights.emitters[emitter, EMITTER_TRIANGLE], time
         )
         return v0, subtract(v1, v0), subtract(v2, v0)

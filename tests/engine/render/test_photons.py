@@ -11,12 +11,15 @@ import pytest
 from engine.kernels.hash_grid import bucket_of
 from engine.render import photon_radius
 from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
+from engine.render.photon_radius import MOST_NEIGHBOURS
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
 from engine.scene.description import VISIBLE_SHADOW, World
+from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
 from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
+from tests.helpers.photon_renders import pictures as by_caustics
 
 pytestmark = pytest.mark.estimator
 
@@ -56,16 +59,16 @@ def test_a_map_holds_each_photon_once_in_the_bucket_of_its_cell() -> None:
     starts, mask = grid.starts, int(grid.header[MAP_BUCKETS]) - 1
     assert starts[0] == 0 and starts[-1] == 500 and (np.diff(starts) >= 0).all()
     cells = np.floor(grid.photons[:, PHOTON_P : PHOTON_P + 3] * grid.numbers[MAP_INVERSE_CELL]).astype(np.int64)
-    buckets = [bucket_of(*(np.int64(i) for i in cell), np.int64(mask)) for cell in cells]
+    buckets = [bucket_of(*(np.int64(i) for i in cell), np.int64(0), np.int64(mask)) for cell in cells]
     assert (np.searchsorted(starts, np.arange(500), side="right") - 1 == buckets).all()
     np.testing.assert_array_equal(grid.places, grid.photons[:, PHOTON_P : PHOTON_P + 3])
 
 
 def test_cells_next_to_each_other_share_buckets_with_few() -> None:
     """Of a block of 4 x 4 x 4 cells each has a bucket of its own, and eight that touch lie next to each other."""
-    block = np.array([[bucket_of(x, y, z, 4095) for x, y, z in np.ndindex(4, 4, 4)]]).ravel()
+    block = np.array([[bucket_of(x, y, z, 0, 4095) for x, y, z in np.ndindex(4, 4, 4)]]).ravel()
     assert len(set(block)) == 64 and np.ptp(block) == 63
-    small = [bucket_of(x, y, z, 4095) for x, y, z in np.ndindex(2, 2, 2)]
+    small = [bucket_of(x, y, z, 0, 4095) for x, y, z in np.ndindex(2, 2, 2)]
     assert np.ptp(small) == 7
 
 
@@ -210,9 +213,11 @@ def test_a_scene_without_lamps_has_no_photons(caustics: str) -> None:
 
 
 def test_what_photons_do_not_know_is_said() -> None:
-    result = render(mirror_scene(), samples=1, spectral="ON")
+    scene = mirror_scene()
+    scene.fast_gi = FastGi(bounces=1)
+    result = render(scene, samples=1)
     assert any(notice.subject == "Caustics by photons" for notice in result.report.notices)
-    result = render(mirror_scene(), samples=1, spectral="ON", caustics="AUTO")
+    result = render(scene, samples=1, caustics="AUTO")
     assert not any(notice.subject == "Caustics by photons" for notice in result.report.notices)
 
 
@@ -234,11 +239,9 @@ def test_denoised_pictures_have_the_same_light_with_noise_of_their_own_in_each_p
     """Noise of pixels next to each other is alike where they gather the same photons, which a denoiser would keep."""
 
     def noisy(is_denoised: bool) -> np.ndarray:
-        name = "Noisy Image" if is_denoised else "Combined"
-        found = [
-            render(mirror_scene(), seed=seed, samples=64, use_denoising=is_denoised).passes[name] for seed in range(8)
-        ]
-        return np.stack(found)[:, :9, :, :3].mean(axis=-1)
+        name, settings = ("Noisy Image", {"use_denoising": True}) if is_denoised else ("Combined", {})
+        found = by_caustics(mirror_scene(), "PHOTONS", range(8), name, MOST_NEIGHBOURS, samples=64, **settings)
+        return found[:, :9].mean(axis=-1)
 
     def likeness(found: np.ndarray) -> float:
         noise = (found - found.mean(axis=0)) / found.mean(axis=0)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures with photons beside those by paths alone, and how far their means differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from engine.render import photon_radius
+from engine.render.session import Session
+from engine.scene.description import SceneDescription
+from engine.settings import RenderSettings
+from tests.helpers.seeded_renders import Z_LIMIT
+
+
+def pictures(
+    scene: SceneDescription, caustics: str, seeds: Iterable[int] = range(4), shown: str = "Combined",
+    neighbours: int = 3, **settings,
+) -> np.ndarray:
+    """A pass of each seed, float32 (S, height, width, 3).
+
+    Parameters
+    ----------
+    neighbours : int
+        Photons within a disc, at most: few, since such small pictures show what large discs blur.
+    """
+    with mock.patch.object(photon_radius, "MOST_NEIGHBOURS", neighbours):
+        return _pictures(scene, caustics, seeds, shown, settings)
+
+
+def _pictures(
+    scene: SceneDescription, caustics: str, seeds: Iterable[int], shown: str, settings: dict[str, Any]
+) -> np.ndarray:
+    found = []
+    for seed in seeds:
+        chosen = {"samples": 256, "threads": 1, "filter_glossy": 0.0} | settings
+        session = Session(RenderSettings(seed=seed, caustics=caustics, **chosen))
+        session.load(scene)
+        result = session.render(passes=["Combined", shown])
+        session.close()
+        assert not any(notice.subject == "Caustics by photons" for notice in result.report.notices)
+        found.append(result.passes[shown][..., :3])
+    return np.stack(found)
+
+
+def assert_same_light(a: np.ndarray, b: np.ndarray, bound: float) -> None:
+    """Means over pictures and over their columns, by channel, are the same: none of these differs by `Z_LIMIT` standard
+    errors of the seeds, the means by no more than a share `bound` either.
+
+    Parameters
+    ----------
+    a, b : float32 (S, height, width, 3)
+    bound : float
+    """
+    whole = [one.mean(axis=(1, 2)) for one in (a, b)]
+    np.testing.assert_allclose(whole[0].mean(axis=0), whole[1].mean(axis=0), rtol=bound)
+    assert abs(_z(*whole)).max() < Z_LIMIT
+    # Each column is known by few seeds: errors are those of all columns.
+    columns = [one.mean(axis=1) for one in (a, b)]
+    difference = columns[0].mean(axis=0) - columns[1].mean(axis=0)
+    error = np.sqrt(sum(one.var(axis=0, ddof=1).mean() / len(one) for one in columns))
+    assert abs(difference).max() < Z_LIMIT * error
+
+
+def _z(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    error = np.sqrt(a.var(axis=0, ddof=1) / len(a) + b.var(axis=0, ddof=1) / len(b))
+    return (a.mean(axis=0) - b.mean(axis=0)) / error
