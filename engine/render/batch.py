@@ -206,11 +206,14 @@ class _Counted:
         )
 
 
-def _photon_lanes(lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings) -> PhotonLanes:
-    """Memory for photons, next to none where there are none."""
+def _photon_lanes(
+    lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings, *, has_media: bool
+) -> PhotonLanes:
+    """Memory for photons, next to none where there are none; in media they leave several marks each."""
     if not settings.traces_photons:
         return allocate_photon_lanes(1, 1, 1, 1)
-    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count, piece_count)
+    rows = PHOTON_ROWS * (3 if has_media else 1)
+    return allocate_photon_lanes(lane_count, rows, pixel_count, piece_count)
 
 
 class Batch:
@@ -279,7 +282,7 @@ class Batch:
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             walks=allocate_walk_lanes(lanes, channel_count),
-            photons=_photon_lanes(lanes, pixel_count, piece_count, settings),
+            photons=_photon_lanes(lanes, pixel_count, piece_count, settings, has_media=layout.has_media),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

@@ -19,11 +19,11 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
 from engine.render.photon_starts import Starts
+from engine.render.photons_within import PhotonsWithin, part_marks
 from engine.state.photons import (
     GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_EXPECTED,
-    MAP_HEADER_WIDTH,
     MAP_INVERSE_CELL,
     MAP_NUMBERS,
     MAP_RADIUS,
@@ -125,6 +125,7 @@ class PhotonMaps:
         self._trial = threading.Lock()
         self._maps: dict[int, _Growing] = {}
         self._first_radius: float | None = None
+        self._within = PhotonsWithin()
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
@@ -199,14 +200,18 @@ class PhotonMaps:
         return growing.made
 
     def _finish(self, growing: _Growing, begins: PhotonMap) -> PhotonMap:
-        photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
+        found = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
+        photons, marks = part_marks(found)
         if growing.radius is not None:
-            return make_map(photons, growing.count, growing.radius, begins)
+            made = make_map(photons, growing.count, growing.radius, begins)
+            return self._within.add_to(made, marks, growing.count, growing.first + growing.count)
         radius = _first_radius(photons, float(self._casters.area.sum()))
         made = make_map(photons, growing.count, self._at_most(radius), begins)
+        most = self._at_most(math.inf)
+        made = self._within.begin_with(made, marks, growing.count, self._photons_of(1), most)
         if self._first_radius is None:
-            self._begins = self._starts.by_light(self._seen, made, growing.count)
+            self._begins = self._within.ready(self._starts.by_light(self._seen, made, growing.count))
             # That of as many neighbours among as many photons as a sample has from then on.
             self._first_radius = self._at_most(radius * math.sqrt(growing.count / self._photons_of(1)))
         return made
@@ -245,9 +250,9 @@ def make_map(photons: Float32Array, emitted: int, radius: float, begins: PhotonM
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
     numbers[MAP_EXPECTED] = emitted * disc / GATHERED_ONE_IN
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
-    header = np.zeros(MAP_HEADER_WIDTH, np.int64)
+    header = begins.header.copy()
     header[MAP_BUCKETS] = buckets
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     sort_into_buckets(photons, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
     in_order = np.ascontiguousarray(photons[order]).reshape(-1, PHOTON_WIDTH)
-    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, in_order)
+    return begins._replace(header=header, numbers=numbers, starts=starts, photons=in_order)

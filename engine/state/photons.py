@@ -26,6 +26,12 @@ PHOTON_START = _photon.take()  # where it began, a row of PhotonMap.place_densit
 #: A cache line of float32.
 PHOTON_WIDTH = _photon.width(16)
 
+# Marks of photons within media have no normal: in its place,
+PHOTON_MEDIUM = PHOTON_NG  # what tells their medium from others
+PHOTON_SCATTERING = PHOTON_NG + 1  # of the medium there, mean over channels [m^-1]
+PHOTON_IS_WITHIN = PHOTON_NG + 2  # IS_WITHIN, which no unit normal has; their PHOTON_POWER is in W m
+IS_WITHIN = np.float32(2.0)
+
 #: See PHOTON_BOUNCES. Blender's limits are 1024.
 BOUNCE_LIMIT = 2048
 
@@ -36,7 +42,9 @@ GATHERED_ONE_IN = 4
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
-MAP_HEADER_WIDTH = 2
+MAP_BALL_BUCKETS = 2  # of the marks within media
+MAP_MARKS = 3  # that a photon draws on each of its segments within media
+MAP_HEADER_WIDTH = 4
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
@@ -45,7 +53,15 @@ MAP_INVERSE_CELL = 1  # of the grid [m^-1]
 MAP_SCALE = 2
 #: Such photons times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
 MAP_EXPECTED = 3
-MAP_NUMBERS = 4
+# The same of marks within media, which are gathered within a ball.
+MAP_BALL_RADIUS = 4  # [m]
+MAP_BALL_INVERSE_CELL = 5  # [m^-1]
+MAP_BALL_SCALE = 6  # [m^-3]
+MAP_BALL_EXPECTED = 7  # [m^3]
+MAP_NUMBERS = 8
+
+#: MAP_MARKS while nothing tells how many pay.
+MARKS_AT_FIRST = 4
 
 # Bits of CasterArrays.instances
 MAY_CAST = 1
@@ -78,7 +94,7 @@ class CasterArrays(Bundle):
 
 
 class PhotonMap(Bundle):
-    """Photons sorted by the cells of a hashed grid, P of them in H buckets.
+    """Photons sorted by the cells of a hashed grid, P of them in H buckets; and M marks within media, in K buckets.
 
     header : int64 (MAP_HEADER_WIDTH,); numbers : float32 (MAP_NUMBERS,)
     cumulative : float64 (S,), of the probabilities with which photons begin at the casters' pieces, the last is 1.
@@ -86,6 +102,7 @@ class PhotonMap(Bundle):
     place_density : float32 (S,), with which they begin at a place of a piece, on that side [m^-2]
     starts : int32 (H + 1,), first photon of each bucket
     photons : float32 (P, PHOTON_WIDTH)
+    starts_within : int32 (K + 1,); within : float32 (M, PHOTON_WIDTH)
     """
 
     header: Int64Array
@@ -94,6 +111,8 @@ class PhotonMap(Bundle):
     place_density: Float32Array
     starts: Int32Array
     photons: Float32Array
+    starts_within: Int32Array
+    within: Float32Array
 
 
 class PhotonLanes(Bundle):
@@ -133,10 +152,12 @@ def no_casters(lights: LightArrays) -> CasterArrays:
 def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray | None = None) -> PhotonMap:
     """A map without photons, which are to begin with these densities."""
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
-    header[MAP_BUCKETS] = 1
+    header[MAP_BUCKETS] = header[MAP_BALL_BUCKETS] = 1
+    header[MAP_MARKS] = MARKS_AT_FIRST
     return PhotonMap(
         header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),
         cumulative=np.zeros(0, np.float64) if cumulative is None else cumulative,
         place_density=np.zeros(0, np.float32) if place_density is None else place_density, starts=np.zeros(2, np.int32),
-        photons=np.zeros((0, PHOTON_WIDTH), np.float32),
+        photons=np.zeros((0, PHOTON_WIDTH), np.float32), starts_within=np.zeros(2, np.int32),
+        within=np.zeros((0, PHOTON_WIDTH), np.float32),
     )  # fmt: skip
