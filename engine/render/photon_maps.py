@@ -209,9 +209,11 @@ class PhotonMaps:
         radius = _first_radius(photons, float(self._casters.area.sum()))
         made = make_map(photons, growing.count, self._at_most(radius), begins)
         most = self._at_most(math.inf)
-        made = self._within.begin_with(made, marks, growing.count, self._photons_of(1), most)
+        made = self._within.begin_with(made, marks, growing.count, most)
         if self._first_radius is None:
-            self._begins = self._within.ready(self._starts.by_light(self._seen, made, growing.count))
+            self._begins = self._starts.by_light(self._seen, made, growing.count)
+            self._within.learn(made, self._begins, growing.count, self._photons_of(1), most)
+            self._begins = self._within.ready(self._begins)
             # That of as many neighbours among as many photons as a sample has from then on.
             self._first_radius = self._at_most(radius * math.sqrt(growing.count / self._photons_of(1)))
         return made

@@ -29,11 +29,13 @@ from engine.state.photons import (
     PHOTON_P,
     PHOTON_POWER,
     PHOTON_SCATTERING,
+    PHOTON_START,
     PhotonMap,
 )
 
 #: Marks that maps have for each photon that is sent off, and most that a photon draws on a segment.
-_MARKS_PER_PHOTON, _MOST_MARKS = 0.5, 64
+#: Threads have room for that many of all photons that they send off at a time, since no photon collides twice.
+_MARKS_PER_PHOTON, _MOST_MARKS = 0.5, 16
 #: Marks within the first radius, of how many that is asked, and its bound over that of surfaces.
 _FIRST_NEIGHBOURS, _ASKED, _FARTHER = 16, 256, 2.0
 #: To which power of the number of photons the radius shrinks: (alpha - 1) / 3.
@@ -89,37 +91,45 @@ class PhotonsWithin:
         header[MAP_MARKS] = self._marks
         return begins._replace(header=header)
 
-    def begin_with(
-        self, photons: PhotonMap, marks: Float32Array, emitted: int, next_emitted: int, farthest: float
-    ) -> PhotonMap:
-        """The first map with its marks.
+    def begin_with(self, photons: PhotonMap, marks: Float32Array, emitted: int, farthest: float) -> PhotonMap:
+        """The first map with its marks; `emitted` photons have been sent off, and discs have at most that radius [m]."""
+        return with_marks(photons, marks, emitted, _first_radius(photons, _radius_of_neighbours(marks), farthest))
+
+    def learn(self, first: PhotonMap, begins: PhotonMap, emitted: int, next_emitted: int, farthest: float) -> None:
+        """Decide how many marks are drawn from now on, and within what radius they are gathered.
 
         Parameters
         ----------
+        first : PhotonMap
+            The first one, with its marks.
+        begins : PhotonMap
+            Says how photons begin from now on.
         emitted, next_emitted : int
-            Photons that have been sent off for it, and that will be for the next.
+            Photons that have been sent off for the first map, and that will be for the next.
         farthest : float
             Bound on the radius on surfaces [m].
         """
-        drawn = int(photons.header[MAP_MARKS])
-        found = len(marks) / drawn
-        radius = min(_radius_of_neighbours(marks), _FARTHER * farthest)
-        if not (0.0 < radius < math.inf):
-            radius = float(photons.numbers[MAP_RADIUS])
-        made = with_marks(photons, marks, emitted, radius)
-        if self._first_radius is None:
-            wanted = round(_MARKS_PER_PHOTON * emitted / found) if found else _MOST_MARKS
-            self._marks, self._first_sent = min(max(wanted, 1), _MOST_MARKS), next_emitted
-            fewer = emitted * drawn / (next_emitted * self._marks)
-            radius = _radius_of_neighbours(marks) * fewer ** (1.0 / 3.0)
-            self._first_radius = radius if 0.0 < radius < math.inf else float(photons.numbers[MAP_RADIUS])
-            self._first_radius = min(self._first_radius, _FARTHER * farthest)
-        return made
+        marks, drawn = first.within, int(first.header[MAP_MARKS])
+        start = marks[:, PHOTON_START].astype(np.int64)
+        # Marks that a photon will leave if it draws one.
+        begun = first.place_density[start].astype(np.float64)
+        rate = float((begins.place_density[start] / begun).sum()) / (emitted * drawn)
+        wanted = round(_MARKS_PER_PHOTON / rate) if rate > 0.0 else _MOST_MARKS
+        self._marks, self._first_sent = min(max(wanted, 1), _MOST_MARKS), next_emitted
+        more = max(rate * next_emitted * self._marks, 1.0) / max(len(marks), 1)
+        radius = _radius_of_neighbours(marks) * more ** (-1.0 / 3.0)
+        self._first_radius = _first_radius(first, radius, farthest)
 
     def add_to(self, photons: PhotonMap, marks: Float32Array, emitted: int, sent: int) -> PhotonMap:
         """Another map with its marks, `sent` photons having been sent off so far."""
         assert self._first_radius is not None
         return with_marks(photons, marks, emitted, self._first_radius * (sent / self._first_sent) ** _SHRINKS)
+
+
+def _first_radius(photons: PhotonMap, radius: float, farthest: float) -> float:
+    """A radius within bounds [m]: that on surfaces where marks tell none."""
+    bounded = min(radius, _FARTHER * farthest)
+    return bounded if 0.0 < bounded < math.inf else float(photons.numbers[MAP_RADIUS])
 
 
 def _radius_of_neighbours(marks: Float32Array) -> float:
