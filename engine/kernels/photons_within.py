@@ -2,7 +2,7 @@
 """Photons within media: where they may be, and how many come for each path that finds the same light.
 
 A photon leaves marks on each of its segments, drawn as a path draws where it collides; a path gathers those within a
-ball about a place on each of its own. What `engine.kernels.caustics` says holds here too, with these densities for a
+cylinder about a part of each of its own. What `engine.kernels.caustics` says holds here too, with these densities for a
 direction at a collision: a photon's mark is there with the density of how the photon began times that of a collision a
 metre; a path comes along the same way with the phase functions' density, having collided. How likely it is to pass from
 there to the caster without a collision is the same both ways, so of the photon's density nothing is left but the
@@ -19,7 +19,7 @@ import numpy as np
 from engine.kernels.media import last_medium
 from engine.runtime.jit import kernel
 from engine.state.media import EXTINCTION, WORLD
-from engine.state.photons import MAP_BALL_EXPECTED, MAP_EXPECTED, MAY_GATHER
+from engine.state.photons import MAP_TUBE_EXPECTED, MAP_EXPECTED, MAY_GATHER
 
 
 @kernel
@@ -55,7 +55,7 @@ def ratio_within(numbers, extinction, phase_pdf, share):
     """
     if not numbers[MAP_EXPECTED] > 0.0 or not share > 0.0:
         return np.float32(0.0)
-    return extinction * numbers[MAP_BALL_EXPECTED] / (phase_pdf * share * numbers[MAP_EXPECTED])
+    return extinction * numbers[MAP_TUBE_EXPECTED] / (phase_pdf * share * numbers[MAP_EXPECTED])
 
 
 @kernel

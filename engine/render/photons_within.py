@@ -17,11 +17,11 @@ from engine.kernels.hash_grid import sort_into_buckets
 from engine.state.photons import (
     GATHERED_ONE_IN,
     IS_WITHIN,
-    MAP_BALL_BUCKETS,
-    MAP_BALL_EXPECTED,
-    MAP_BALL_INVERSE_CELL,
-    MAP_BALL_RADIUS,
-    MAP_BALL_SCALE,
+    MAP_TUBE_BUCKETS,
+    MAP_TUBE_EXPECTED,
+    MAP_TUBE_INVERSE_CELL,
+    MAP_TUBE_RADIUS,
+    MAP_TUBE_SCALE,
     MAP_MARKS,
     MAP_RADIUS,
     MARKS_AT_FIRST,
@@ -30,13 +30,14 @@ from engine.state.photons import (
     PHOTON_POWER,
     PHOTON_SCATTERING,
     PHOTON_START,
+    TUBE_LENGTH,
     PhotonMap,
 )
 
 #: Marks that maps have for each photon that is sent off, and most that a photon draws on a segment.
 #: Threads have room for that many of all photons that they send off at a time, since no photon collides twice.
 _MARKS_PER_PHOTON, _MOST_MARKS = 0.5, 16
-#: Marks within the first radius, of how many that is asked, and its bound over that of surfaces.
+#: Marks within the first cylinder, of how many that is asked, and its bound over that of surfaces.
 _FIRST_NEIGHBOURS, _ASKED, _FARTHER = 16, 256, 2.0
 #: To which power of the number of photons the radius shrinks: (alpha - 1) / 3.
 _SHRINKS = -1.0 / 7.0
@@ -66,13 +67,13 @@ def with_marks(photons: PhotonMap, marks: Float32Array, emitted: int, radius: fl
     """
     header, numbers = photons.header.copy(), photons.numbers.copy()
     buckets = 1 << max(len(marks) - 1, 1).bit_length()
-    header[MAP_BALL_BUCKETS] = buckets
-    numbers[MAP_BALL_RADIUS], numbers[MAP_BALL_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
-    ball = 4.0 / 3.0 * math.pi * radius**3
-    numbers[MAP_BALL_EXPECTED] = emitted * float(header[MAP_MARKS]) * ball / GATHERED_ONE_IN
-    numbers[MAP_BALL_SCALE] = 1.0 / numbers[MAP_BALL_EXPECTED]
+    header[MAP_TUBE_BUCKETS] = buckets
+    numbers[MAP_TUBE_RADIUS], numbers[MAP_TUBE_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
+    tube = TUBE_LENGTH * math.pi * radius**3
+    numbers[MAP_TUBE_EXPECTED] = emitted * float(header[MAP_MARKS]) * tube / GATHERED_ONE_IN
+    numbers[MAP_TUBE_SCALE] = 1.0 / numbers[MAP_TUBE_EXPECTED]
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(marks), np.int32)
-    sort_into_buckets(marks, numbers[MAP_BALL_INVERSE_CELL], buckets - 1, starts, order)
+    sort_into_buckets(marks, numbers[MAP_TUBE_INVERSE_CELL], buckets - 1, starts, order)
     return photons._replace(
         header=header, numbers=numbers, starts_within=starts, within=np.ascontiguousarray(marks[order])
     )
@@ -133,11 +134,12 @@ def _first_radius(photons: PhotonMap, radius: float, farthest: float) -> float:
 
 
 def _radius_of_neighbours(marks: Float32Array) -> float:
-    """Median distance of marks to the last of so many neighbours [m], infinite where there are next to none."""
+    """Median radius of cylinders that hold so many neighbours of a mark [m], infinite where there are next to none."""
     neighbours = min(_FIRST_NEIGHBOURS, len(marks) - 1)
     if neighbours < 1:
         return math.inf
     places = marks[:, PHOTON_P : PHOTON_P + 3].astype(np.float64)
     asked = places[:: max(len(places) // _ASKED, 1)]
     squared = [np.partition(((places - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked]
-    return math.sqrt(float(np.median(squared)))
+    # By the volume of a ball about each.
+    return math.sqrt(float(np.median(squared))) * (4.0 / 3.0 / TUBE_LENGTH) ** (1.0 / 3.0)

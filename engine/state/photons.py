@@ -42,7 +42,7 @@ GATHERED_ONE_IN = 4
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
-MAP_BALL_BUCKETS = 2  # of the marks within media
+MAP_TUBE_BUCKETS = 2  # of the marks within media
 MAP_MARKS = 3  # that a photon draws on each of its segments within media
 MAP_HEADER_WIDTH = 4
 
@@ -53,12 +53,14 @@ MAP_INVERSE_CELL = 1  # of the grid [m^-1]
 MAP_SCALE = 2
 #: Such photons times the area of a disc [m^2]: makes of a density how many photons arrive in a disc.
 MAP_EXPECTED = 3
-# The same of marks within media, which are gathered within a ball.
-MAP_BALL_RADIUS = 4  # [m]
-MAP_BALL_INVERSE_CELL = 5  # [m^-1]
-MAP_BALL_SCALE = 6  # [m^-3]
-MAP_BALL_EXPECTED = 7  # [m^3]
+# The same of marks within media, which are gathered within a cylinder about a path's segment, TUBE_LENGTH radii long.
+MAP_TUBE_RADIUS = 4  # [m]
+MAP_TUBE_INVERSE_CELL = 5  # [m^-1]
+MAP_TUBE_SCALE = 6  # [m^-3]
+MAP_TUBE_EXPECTED = 7  # [m^3]
 MAP_NUMBERS = 8
+
+TUBE_LENGTH = 4
 
 #: MAP_MARKS while nothing tells how many pay.
 MARKS_AT_FIRST = 4
@@ -152,7 +154,7 @@ def no_casters(lights: LightArrays) -> CasterArrays:
 def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray | None = None) -> PhotonMap:
     """A map without photons, which are to begin with these densities."""
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
-    header[MAP_BUCKETS] = header[MAP_BALL_BUCKETS] = 1
+    header[MAP_BUCKETS] = header[MAP_TUBE_BUCKETS] = 1
     header[MAP_MARKS] = MARKS_AT_FIRST
     return PhotonMap(
         header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),

@@ -2,10 +2,11 @@
 """Stages of paths where there are photons and media: gather marks of photons on segments, and say of paths that collide
 which light photons find too.
 
-Paths gather on each segment at a place where they would collide if they had to, as they sample its lights
+Paths gather on each segment around a place where they would collide if they had to, as they sample its lights
 (`engine.wavefront.light_segments`): in thin media few paths collide.
 
-References: Jensen and Christensen 1998, Eq. (14); Georgiev et al. 2012, Eq. (7); Knaus and Zwicker 2011, for radii in
+References: Jensen and Christensen 1998, Eq. (14); Jarosz et al. 2008, "The Beam Radiance Estimate for Volumetric Photon
+Mapping", of which this takes a part of each segment by chance; Georgiev et al. 2012, Eq. (7); Knaus and Zwicker 2011, for radii in
 media (`engine.render.photons_within`).
 """
 
@@ -19,7 +20,7 @@ from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.collision import set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.hash_grid import bucket_of, cell_of
-from engine.kernels.media import length_in_media, sum_coefficients, transmittance, weigh_channels
+from engine.kernels.media import emitted_length, length_in_media, sum_coefficients, transmittance, weigh_channels
 from engine.kernels.path import real_3
 from engine.kernels.photons_within import may_gather_within, mean_extinction, name_of_medium, ratio_within
 from engine.kernels.prefetch import ask_for_history, ask_for_media, ask_for_ray, ask_for_throughput, lane_ahead
@@ -32,10 +33,10 @@ from engine.state.media import CHANNEL_WEIGHT, EXTINCTION, SCATTERING
 from engine.state.photons import (
     BOUNCE_LIMIT,
     GATHERED_ONE_IN,
-    MAP_BALL_BUCKETS,
-    MAP_BALL_INVERSE_CELL,
-    MAP_BALL_RADIUS,
-    MAP_BALL_SCALE,
+    MAP_TUBE_BUCKETS,
+    MAP_TUBE_INVERSE_CELL,
+    MAP_TUBE_RADIUS,
+    MAP_TUBE_SCALE,
     MAP_IS_TRIED,
     MAP_RADIUS,
     PHOTON_BOUNCES,
@@ -45,6 +46,7 @@ from engine.state.photons import (
     PHOTON_P,
     PHOTON_POWER,
     PHOTON_WI,
+    TUBE_LENGTH,
 )
 
 _SUBSET_SEED = np.uint32(0x1B56C4E9)
@@ -64,9 +66,9 @@ def _is_of_path(options, paths, lane, photons, row):
 
 @kernel
 def _draw_place(paths, media, lane, length, u_channel, u):
-    """Where a path collides before `length`, by chance but for sure, and with what density.
+    """Where a path collides before `length`, by chance but for sure.
 
-    Row CHANNEL_WEIGHT of the coefficients gets what the path then carries, over what it began with.
+    Row CHANNEL_WEIGHT of the coefficients gets how likely each channel draws, their sum being that of a collision.
 
     Returns
     -------
@@ -89,15 +91,21 @@ def _draw_place(paths, media, lane, length, u_channel, u):
                 break
             rest -= weight
     t = min(-np.float32(math.log(np.float32(1.0) - u * part)) / extinction, length)
-    pdf = np.float32(0.0)
     for c in range(len(channels)):
-        pdf += sums[CHANNEL_WEIGHT, c] * sums[EXTINCTION, c] * transmittance(sums[EXTINCTION, c], t)
-    if not pdf > 0.0:
-        return np.float32(0.0), np.float32(0.0)
-    for c in range(len(channels)):
-        scattered = sums[SCATTERING, c] * transmittance(sums[EXTINCTION, c], t)
-        sums[CHANNEL_WEIGHT, c] = scattered * colliding / pdf
+        sums[CHANNEL_WEIGHT, c] /= colliding
     return t, share
+
+
+@kernel
+def _draws_between(channels, sums, start, end):
+    """Probability with which `_draw_place` draws a place between two distances [m]."""
+    probability = np.float32(0.0)
+    for c in range(len(channels)):
+        extinction = sums[EXTINCTION, c]
+        if extinction > 0.0:
+            colliding = extinction * emitted_length(extinction, end - start) * transmittance(extinction, start)
+            probability += sums[CHANNEL_WEIGHT, c] * colliding
+    return probability
 
 
 @kernel
@@ -113,28 +121,56 @@ def _add(options, work, lane, group):
 
 
 @kernel
-def _gather(scene, work, lane, p, wo, share, splits):
-    """Add what marks in the ball about `p` bring; row CHANNEL_WEIGHT of the coefficients is what the path carries."""
+def _extent(d, half, radius):
+    """How far a cylinder reaches along an axis [m], d being its direction's part there."""
+    return half * abs(d) + radius * math.sqrt(max(np.float32(1.0) - d * d, np.float32(0.0)))
+
+
+@kernel
+def _carried(paths, sums, lane, c, t):
+    """What a channel of a path carries to where it is scattered, at a distance on its segment [m^-1]."""
+    return paths.throughput[lane, c] * sums[SCATTERING, c] * transmittance(sums[EXTINCTION, c], t)
+
+
+@kernel
+def _gather(scene, work, lane, t, length, share, splits):
+    """Add what marks bring that lie within the cylinder about a lane's segment, around a place that was drawn.
+
+    A mark counts as its own place on the segment does, over the probability with which the cylinder has it: along the
+    segment nothing is blurred, nor lost at its ends.
+    """
     grid, closures, paths, media = scene.photons, work.closures, work.paths, work.media
     photons, numbers, f_cos, sums = grid.within, grid.numbers, work.f_cos, work.media.coefficients
-    radius, inverse_cell = numbers[MAP_BALL_RADIUS], numbers[MAP_BALL_INVERSE_CELL]
+    radius, inverse_cell = numbers[MAP_TUBE_RADIUS], numbers[MAP_TUBE_INVERSE_CELL]
     squared, is_tried, pixel = radius * radius, grid.header[MAP_IS_TRIED] != 0, paths.pixel[lane]
+    half = np.float32(0.5 * TUBE_LENGTH) * radius
+    direction = load(paths.direction, lane)
+    p, wo = add(load(paths.origin, lane), scale(direction, t)), negate(direction)
     extinction, medium = mean_extinction(paths.channels, sums), name_of_medium(media, lane)
-    mask = grid.header[MAP_BALL_BUCKETS] - 1
+    mask = grid.header[MAP_TUBE_BUCKETS] - 1
     hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
     chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % GATHERED_ONE_IN
     settled = np.float32(1.0) / min(paths.survival[lane], np.float32(1.0))
     has_lobes = False
-    x0, y0, z0 = cell_of((p[0] - radius, p[1] - radius, p[2] - radius), inverse_cell)
+    ex, ey, ez = (
+        _extent(direction[0], half, radius), _extent(direction[1], half, radius), _extent(direction[2], half, radius)
+    )  # fmt: skip
+    x0, y0, z0 = cell_of((p[0] - ex, p[1] - ey, p[2] - ez), inverse_cell)
+    x1, y1, z1 = cell_of((p[0] + ex, p[1] + ey, p[2] + ez), inverse_cell)
+    width, area = x1 - x0 + 1, (x1 - x0 + 1) * (y1 - y0 + 1)
     sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for corner in range(8):
-        x, y, z = x0 + (corner & 1), y0 + (corner >> 1 & 1), z0 + (corner >> 2)
+    for cell in range(area * (z1 - z0 + 1)):
+        x, y, z = x0 + cell % width, y0 + cell % area // width, z0 + cell // area
         bucket = bucket_of(x, y, z, mask)
         first, last = np.int64(grid.starts_within[bucket]), np.int64(grid.starts_within[bucket + 1])
         for row in range(first + (chosen - first) % GATHERED_ONE_IN, last, GATHERED_ONE_IN):
             q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
             dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-            if dx * dx + dy * dy + dz * dz > squared:
+            along = dx * direction[0] + dy * direction[1] + dz * direction[2]
+            if abs(along) > half or dx * dx + dy * dy + dz * dz - along * along > squared:
+                continue
+            at = t + along
+            if not 0.0 < at < length:
                 continue
             if cell_of(q, inverse_cell) != (x, y, z):
                 # Another cell that shares the bucket.
@@ -151,14 +187,14 @@ def _gather(scene, work, lane, p, wo, share, splits):
             expected = expected_photons(
                 ratio_within(numbers, extinction, pdf, share), photons[row, PHOTON_DENSITY], numbers
             )
-            alone = numbers[MAP_BALL_SCALE] * settled
+            reached = _draws_between(paths.channels, sums, max(at - half, 0.0), min(at + half, length))
+            if not reached > 0.0:
+                continue
+            alone = numbers[MAP_TUBE_SCALE] * settled * np.float32(TUBE_LENGTH) * radius / reached
             factor = alone * expected / (np.float32(1.0) + expected)
-            carried0 = factor * paths.throughput[lane, 0] * sums[CHANNEL_WEIGHT, 0]
-            carried1 = factor * paths.throughput[lane, 1] * sums[CHANNEL_WEIGHT, 1]
-            carried2 = factor * paths.throughput[lane, 2] * sums[CHANNEL_WEIGHT, 2]
-            value0 = carried0 * f_cos[lane, 0] * photons[row, PHOTON_POWER]
-            value1 = carried1 * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
-            value2 = carried2 * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
+            value0 = factor * _carried(paths, sums, lane, 0, at) * f_cos[lane, 0] * photons[row, PHOTON_POWER]
+            value1 = factor * _carried(paths, sums, lane, 1, at) * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
+            value2 = factor * _carried(paths, sums, lane, 2, at) * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
             if is_tried:
                 whole, tried = alone / factor * np.float32(1.0 / 3.0), work.photons.tried
                 tried[pixel, 0] += whole * (value0 + value1 + value2)
@@ -213,14 +249,12 @@ def gather_at_collisions(scene, unit, work, queue):
         t, share = _draw_place(paths, media, lane, length, u_channel, u)
         if not share > 0.0:
             continue
-        direction = load(paths.direction, lane)
-        p = add(load(paths.origin, lane), scale(direction, t))
         if is_tried and tried[paths.pixel[lane], 2] == 0.0:
             tried[paths.pixel[lane], 2] = paths.radius[lane] + t * paths.spread[lane]
         shows = splits and paths.depth[lane] == 0
         if shows:
             work.passes.is_volume[lane] = 1
-        _gather(scene, work, lane, p, negate(direction), share, splits)
+        _gather(scene, work, lane, t, length, share, splits)
         if shows:
             work.passes.is_volume[lane] = 0
 
