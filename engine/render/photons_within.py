@@ -38,7 +38,7 @@ from engine.state.photons import (
 #: Threads have room for that many of all photons that they send off at a time, since no photon collides twice.
 _MARKS_PER_PHOTON, _MOST_MARKS = 0.5, 16
 #: Marks within the first cylinder, of how many that is asked, and its bound over that of surfaces.
-_FIRST_NEIGHBOURS, _ASKED, _FARTHER = 16, 256, 2.0
+_FIRST_NEIGHBOURS, _ASKED, _FARTHER = 4, 256, 2.0
 #: To which power of the number of photons the radius shrinks: (alpha - 1) / 3.
 _SHRINKS = -1.0 / 7.0
 
