@@ -9,9 +9,8 @@ there to the caster without a collision is the same both ways, so of the photon'
 extinction. The path's place is drawn within its segment for sure, which makes photons as many times more likely as a
 collision on the segment is not.
 
-References: Georgiev et al. 2012, Eqs. (5) and (7), Jensen and Christensen 1998, "Efficient Simulation of Light
-Transport in Scenes with Participating Media using Photon Maps", Eq. (14); Krivanek et al. 2014, "Unifying Points, Beams,
-and Paths in Volumetric Light Transport Simulation", section 5.
+References: Georgiev et al. 2012, Eqs. (5) and (7); Krivanek et al. 2014, "Unifying Points, Beams, and Paths in
+Volumetric Light Transport Simulation", section 5.
 """
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy as np
 from engine.kernels.media import last_medium
 from engine.runtime.jit import kernel
 from engine.state.media import EXTINCTION, WORLD
-from engine.state.photons import MAP_TUBE_EXPECTED, MAP_EXPECTED, MAY_GATHER
+from engine.state.photons import MAP_EXPECTED, MAP_TUBE_EXPECTED, MAY_GATHER
 
 
 @kernel

@@ -17,13 +17,13 @@ from engine.kernels.hash_grid import sort_into_buckets
 from engine.state.photons import (
     GATHERED_ONE_IN,
     IS_WITHIN,
+    MAP_MARKS,
+    MAP_RADIUS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_EXPECTED,
     MAP_TUBE_INVERSE_CELL,
     MAP_TUBE_RADIUS,
     MAP_TUBE_SCALE,
-    MAP_MARKS,
-    MAP_RADIUS,
     MARKS_AT_FIRST,
     PHOTON_IS_WITHIN,
     PHOTON_P,
@@ -93,7 +93,7 @@ class PhotonsWithin:
         return begins._replace(header=header)
 
     def begin_with(self, photons: PhotonMap, marks: Float32Array, emitted: int, farthest: float) -> PhotonMap:
-        """The first map with its marks; `emitted` photons have been sent off, and discs have at most that radius [m]."""
+        """The first map with its marks: `emitted` photons have been sent off, and discs have at most that radius."""
         return with_marks(photons, marks, emitted, _first_radius(photons, _radius_of_neighbours(marks), farthest))
 
     def learn(self, first: PhotonMap, begins: PhotonMap, emitted: int, next_emitted: int, farthest: float) -> None:

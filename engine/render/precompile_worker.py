@@ -209,6 +209,9 @@ def _compile_photons() -> None:
     mirror = Node("ShaderNodeBsdfAnisotropic", "Mirror", {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": 0.0})
     scene.materials[0].graph = NodeGraph([mirror], Link(0, "BSDF"))
     _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0)
+    scene.materials[0].graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}))
+    scene.materials[0].graph.volume = Link(1, "Volume")
+    _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0)
 
 
 def _compile_curves() -> None:

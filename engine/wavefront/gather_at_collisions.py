@@ -5,9 +5,9 @@ which light photons find too.
 Paths gather on each segment around a place where they would collide if they had to, as they sample its lights
 (`engine.wavefront.light_segments`): in thin media few paths collide.
 
-References: Jensen and Christensen 1998, Eq. (14); Jarosz et al. 2008, "The Beam Radiance Estimate for Volumetric Photon
-Mapping", of which this takes a part of each segment by chance; Georgiev et al. 2012, Eq. (7); Knaus and Zwicker 2011, for radii in
-media (`engine.render.photons_within`).
+References: Jarosz, Zwicker and Jensen 2008, "The Beam Radiance Estimate for Volumetric Photon Mapping", of which this
+takes a part of each segment by chance; Georgiev et al. 2012, Eq. (7); Knaus and Zwicker 2011, for radii in media
+(`engine.render.photons_within`).
 """
 
 import math
@@ -33,12 +33,12 @@ from engine.state.media import CHANNEL_WEIGHT, EXTINCTION, SCATTERING
 from engine.state.photons import (
     BOUNCE_LIMIT,
     GATHERED_ONE_IN,
+    MAP_IS_TRIED,
+    MAP_RADIUS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_INVERSE_CELL,
     MAP_TUBE_RADIUS,
     MAP_TUBE_SCALE,
-    MAP_IS_TRIED,
-    MAP_RADIUS,
     PHOTON_BOUNCES,
     PHOTON_DENSITY,
     PHOTON_GROUP,
@@ -215,7 +215,7 @@ def _gather(scene, work, lane, t, length, share, splits):
 
 @kernel
 def gather_at_collisions(scene, unit, work, queue):
-    """Add the light of marks that photons have left within media, on every segment of paths that may be scattered there.
+    """Add the light of marks that photons have left within media, on all segments on which paths may be scattered.
 
     Parameters
     ----------

@@ -4,7 +4,8 @@
 Each photon leaves several, independent of whether it goes on: marks are cheap beside photons, and in thin media few
 photons collide.
 
-References: Jensen and Christensen 1998; Jarosz et al. 2011, "A Comprehensive Theory of Volumetric Radiance Estimation
+References: Jensen and Christensen 1998, "Efficient Simulation of Light Transport in Scenes with Participating Media
+using Photon Maps"; Jarosz et al. 2011, "A Comprehensive Theory of Volumetric Radiance Estimation
 using Photon Points and Beams": what is gained by all places on a segment instead of one.
 """
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from engine.scene.description import Light, Link, Material, Node, NodeGraph, SceneDescription, World
 from tests.helpers.caustic_scenes import lamp_at, mirror_scene, mirrored_scene, water_scene
 from tests.helpers.media_scenes import media_scene, placed
@@ -19,10 +17,10 @@ def fill(scene: SceneDescription, density: float, g: float = 0.0, color: tuple =
     return scene
 
 
-def _from_near(scene: SceneDescription, height: float) -> SceneDescription:
+def _from_near(scene: SceneDescription, height: float, lens: float = 400.0) -> SceneDescription:
     """Seen in so small pixels that what photons blur is less than what is tested."""
     scene.camera = looking_down(height)
-    scene.camera.lens = 400.0
+    scene.camera.lens = lens
     return scene
 
 
@@ -60,6 +58,4 @@ def milk_in_glass(density: float = 4.0, g: float = 0.7, roughness: float = 0.0, 
     milk = Material("Milk", "Milk", NodeGraph(nodes, Link(0, "BSDF"), Link(1, "Volume")))
     box = placed((0.5, 0.5, 0.5))
     scene = media_scene([milk], [box], lights=[lamp_at(0.0, 0.0, 3.0, size)], world=(0.0, 0.0, 0.0), size=(16, 16))
-    scene.camera = looking_down(2.5)
-    scene.camera.lens = 80.0
-    return scene
+    return _from_near(scene, 2.5, lens=1500.0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Photons within media: the same light as paths find, and as mirrored lamps give.
 
-Means are of seeds that are fixed. Tests of two means reject at 4 standard errors, which a correct renderer fails once in
-15,000.
+Means are of seeds that are fixed. Tests of two means reject at 4 standard errors, which a correct renderer fails once
+in 15,000.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from engine.render.session import Session
 from engine.settings import RenderSettings
 from engine.state.photons import (
     IS_WITHIN,
+    MAP_MARKS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_EXPECTED,
     MAP_TUBE_INVERSE_CELL,
     MAP_TUBE_RADIUS,
-    MAP_MARKS,
     PHOTON_IS_WITHIN,
     PHOTON_P,
     PHOTON_START,
