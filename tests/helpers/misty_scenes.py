@@ -48,14 +48,27 @@ def mirrored_in_fog(density: float = 0.1) -> SceneDescription:
     return fill(_point(mirrored_scene()), density)
 
 
-def milk_in_glass(density: float = 4.0, g: float = 0.7, roughness: float = 0.0, size: float = 3.0) -> SceneDescription:
-    """A box whose glass is the boundary of its milk, under a lamp of this width [m]."""
+def milk_in_glass(
+    density: float = 4.0, g: float = 0.7, roughness: float = 0.0, size: float = 3.0, boxes: int = 1
+) -> SceneDescription:
+    """A box whose glass is the boundary of its milk, or several in one place, under a lamp of this width [m]."""
     inputs = {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": roughness, "IOR": 1.3}
     nodes = [
         Node("ShaderNodeBsdfGlass", "Glass", inputs, {"distribution": "GGX"}),
         Node("ShaderNodeVolumeScatter", "Milk", {"Color": (0.9, 0.95, 1.0, 1.0), "Density": density, "Anisotropy": g}),
     ]  # fmt: skip
     milk = Material("Milk", "Milk", NodeGraph(nodes, Link(0, "BSDF"), Link(1, "Volume")))
-    box = placed((0.5, 0.5, 0.5))
-    scene = media_scene([milk], [box], lights=[lamp_at(0.0, 0.0, 3.0, size)], world=(0.0, 0.0, 0.0), size=(16, 16))
+    scene = media_scene(
+        [milk] * boxes, [placed((0.5, 0.5, 0.5))] * boxes, lights=[lamp_at(0.0, 0.0, 3.0, size)], world=(0.0, 0.0, 0.0),
+        size=(16, 16),
+    )  # fmt: skip
     return _from_near(scene, 2.5, lens=1500.0)
+
+
+def milk_in_open_glass() -> SceneDescription:
+    """A box of glass and milk that lacks one of its sides."""
+    scene = milk_in_glass()
+    mesh = scene.meshes[0]
+    # The last two of its triangles.
+    mesh.triangles, mesh.material_slots = mesh.triangles[:-2], mesh.material_slots[:-2]
+    return scene

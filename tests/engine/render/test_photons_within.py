@@ -28,7 +28,7 @@ from engine.state.photons import (
     no_photons,
 )
 from tests.helpers.light_sums import LOBES, sum_of_passes
-from tests.helpers.misty_scenes import milk_in_glass, mirror_in_fog, mirrored_in_fog, water_in_fog
+from tests.helpers.misty_scenes import milk_in_glass, milk_in_open_glass, mirror_in_fog, mirrored_in_fog, water_in_fog
 
 pytestmark = pytest.mark.estimator
 
@@ -147,6 +147,12 @@ def test_media_are_as_bright_as_by_paths(scene) -> None:
     assert_alike(scene())
 
 
+@pytest.mark.parametrize("scene", [milk_in_open_glass, lambda: milk_in_glass(boxes=2)], ids=["open", "coincident"])
+def test_broken_glass_around_a_medium_is_as_bright_as_by_paths(scene) -> None:
+    """Where media end there depends on the way that light takes, and is the same for photons and paths."""
+    assert_alike(scene())
+
+
 @pytest.mark.parametrize("limits", [{"volume_bounces": 1}, {"max_bounces": 3}, {"transmission_bounces": 2}])
 def test_photons_keep_to_the_limits_of_paths(limits: dict[str, int]) -> None:
     assert_alike(water_in_fog(density=1.0), **limits)
@@ -172,7 +178,7 @@ def test_what_is_learned_changes_no_mean(learned: dict[str, str]) -> None:
 
 def test_photons_make_less_noise_in_media_where_the_lamp_is_small() -> None:
     by_photons, by_paths = (
-        pictures(water_in_fog(0.05), range(3), samples=32, caustics=caustics) for caustics in ("PHOTONS", "PATHS")
+        pictures(milk_in_glass(size=0.3), range(3), samples=32, caustics=caustics) for caustics in ("PHOTONS", "PATHS")
     )
     assert 4.0 * by_photons.var(axis=0).mean() < by_paths.var(axis=0).mean()
 
