@@ -49,9 +49,9 @@ def mirrored_in_fog(density: float = 0.1) -> SceneDescription:
 
 
 def milk_in_glass(
-    density: float = 4.0, g: float = 0.7, roughness: float = 0.0, size: float = 3.0, boxes: int = 1
+    density: float = 4.0, g: float = 0.7, roughness: float = 0.0, size: float = 3.0, boxes: int = 1, x: float = 0.0
 ) -> SceneDescription:
-    """A box whose glass is the boundary of its milk, or several in one place, under a lamp of this width [m]."""
+    """A box whose glass is the boundary of its milk, or several side by side, and a lamp of this width [m]."""
     inputs = {"Color": (1.0, 1.0, 1.0, 1.0), "Roughness": roughness, "IOR": 1.3}
     nodes = [
         Node("ShaderNodeBsdfGlass", "Glass", inputs, {"distribution": "GGX"}),
@@ -59,8 +59,8 @@ def milk_in_glass(
     ]  # fmt: skip
     milk = Material("Milk", "Milk", NodeGraph(nodes, Link(0, "BSDF"), Link(1, "Volume")))
     scene = media_scene(
-        [milk] * boxes, [placed((0.5, 0.5, 0.5))] * boxes, lights=[lamp_at(0.0, 0.0, 3.0, size)], world=(0.0, 0.0, 0.0),
-        size=(16, 16),
+        [milk] * boxes, [placed((0.5, 0.5, 0.5), (float(k), 0.0, 0.0)) for k in range(boxes)],
+        lights=[lamp_at(x, 0.0, 3.0, size)], world=(0.0, 0.0, 0.0), size=(16, 16),
     )  # fmt: skip
     return _from_near(scene, 2.5, lens=1500.0)
 
