@@ -207,13 +207,14 @@ class _Counted:
 
 
 def _photon_lanes(
-    lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings, *, moves: bool
+    lane_count: int, pixel_count: int, piece_count: int, settings: RenderSettings, *, moves: bool, has_media: bool
 ) -> PhotonLanes:
-    """Memory for photons, next to none where there are none."""
+    """Memory for photons, next to none where there are none; in media they leave several marks each."""
     if not settings.traces_photons:
         return allocate_photon_lanes(1, 1, 1, 1)
+    rows = PHOTON_ROWS * (3 if has_media else 1)
     width = photon_width(moves=moves, is_spectral=settings.channel_count > RGB)
-    return allocate_photon_lanes(lane_count, PHOTON_ROWS, pixel_count, piece_count, width)
+    return allocate_photon_lanes(lane_count, rows, pixel_count, piece_count, width)
 
 
 class Batch:
@@ -284,7 +285,9 @@ class Batch:
             ),
             tracking=allocate_tracked_lanes(2 * lanes if layout.has_varying_media else 1, channel_count),
             walks=allocate_walk_lanes(lanes, channel_count),
-            photons=_photon_lanes(lanes, pixel_count, piece_count, settings, moves=moves),
+            photons=_photon_lanes(
+                lanes, pixel_count, piece_count, settings, moves=moves, has_media=layout.has_media
+            ),
             log=allocate_log(lanes, use_vertices=has_log),
             candidates=allocate_candidates(CANDIDATE_ROWS if is_guided else 1, channel_count),
             records=self.records,

@@ -23,13 +23,13 @@ from engine.kernels.photon_windows import parts_of_times
 from engine.render.photon_radius import best_radius, radius_of_neighbours
 from engine.render.photon_starts import Starts
 from engine.render.photon_windows import Windows, share_of_photons
+from engine.render.photons_within import PhotonsWithin, part_marks
 from engine.state.photons import (
     GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_EXPECTED,
     MAP_HALF_TIME,
     MAP_HALF_WAVES,
-    MAP_HEADER_WIDTH,
     MAP_INVERSE_CELL,
     MAP_NUMBERS,
     MAP_ONE_IN,
@@ -144,6 +144,7 @@ class PhotonMaps:
         self._maps: dict[int, _Growing] = {}
         #: Of the second map, from which on radii shrink [m].
         self._best_radius: float | None = None
+        self._within = PhotonsWithin()
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
@@ -221,8 +222,9 @@ class PhotonMaps:
         return growing.made
 
     def _finish(self, growing: _Growing, begins: PhotonMap) -> PhotonMap:
-        photons = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
+        found = np.concatenate([growing.found[chunk] for chunk in range(growing.chunk_count)])
         growing.found.clear()
+        photons, marks = part_marks(found)
         radius, area = growing.radius, float(self._casters.area.sum())
         if growing.number == 0:
             radius = self._first_radius(radius_of_neighbours(photons, _FIRST_NEIGHBOURS, area))
@@ -234,12 +236,20 @@ class PhotonMaps:
         made = make_map(
             photons, growing.count, radius, begins, half_time, half_waves, is_denoised=self._is_denoised
         )
+        if growing.number > 0:
+            return self._within.add_to(made, marks, growing.count, growing.first + growing.count)
+        most = self._at_most(math.inf)
+        made = self._within.begin_with(made, marks, growing.count, most)
         if self._begins is None:
-            self._begins = self._starts.by_light(self._seen, made, growing.count)
+            begins = self._starts.by_light(self._seen, made, growing.count)
+            self._within.learn(made, begins, growing.count, self._photons_of(1), most)
+            self._begins = self._within.ready(begins)
         return made
 
     def _first_radius(self, radius: float) -> float:
-        radius = self._windows.first_radius(radius)
+        return self._at_most(self._windows.first_radius(radius))
+
+    def _at_most(self, radius: float) -> float:
         return min(radius, MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
 
 
@@ -267,7 +277,7 @@ def make_map(
     numbers[MAP_EXPECTED] = emitted * disc * share_of_photons(half_time, half_waves) / GATHERED_ONE_IN
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
     numbers[MAP_PIXELS] = MOST_PIXELS_DENOISED if is_denoised else MOST_PIXELS
-    header = np.zeros(MAP_HEADER_WIDTH, np.int64)
+    header = begins.header.copy()
     header[MAP_BUCKETS], header[MAP_ONE_IN] = buckets, ONE_IN_DENOISED if is_denoised else 0
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     parts = np.zeros(len(photons), np.int64)
@@ -276,4 +286,4 @@ def make_map(
     sort_into_buckets(photons, parts, numbers[MAP_INVERSE_CELL], buckets - 1, starts, order)
     in_order = np.ascontiguousarray(photons[order])
     places = np.ascontiguousarray(in_order[:, PHOTON_P : PHOTON_P + 3])
-    return PhotonMap(header, numbers, begins.cumulative, begins.place_density, starts, places, in_order)
+    return begins._replace(header=header, numbers=numbers, starts=starts, places=places, photons=in_order)

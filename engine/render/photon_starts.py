@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.array_types import Float32Array, FloatArray
+from engine.render.photons_within import scattered_power
 from engine.state.photons import PHOTON_POWER, PHOTON_START, CasterArrays, PhotonMap, no_photons
 
 #: Shares of photons that begin by area, where paths look for lamps, where photons have brought light from, and by both
@@ -59,10 +60,10 @@ class Starts:
         emitted : int
             How many have been sent off for it.
         """
-        if not seen.any() or not len(before.photons):
+        if not seen.any() or not len(before.photons) + len(before.within):
             return self.at_first(seen)
-        start = before.photons[:, PHOTON_START].astype(np.int64)
-        power = np.abs(before.photons[:, PHOTON_POWER : PHOTON_POWER + 3]).mean(axis=1, dtype=np.float64)
+        start = np.concatenate([before.photons, before.within])[:, PHOTON_START].astype(np.int64)
+        power = np.concatenate([_power(before.photons), scattered_power(before)])
         density = before.place_density.astype(np.float64)
         # What a photon has brought, times the density with which it began, is light per area.
         brought = np.bincount(start, power * density[start], len(self.area))
@@ -104,3 +105,9 @@ class Starts:
         cumulative = np.cumsum(probability)
         cumulative /= cumulative[-1]
         return no_photons((probability / self.area).astype(np.float32), cumulative)
+
+
+def _power(photons: Float32Array) -> FloatArray:
+    """What each has brought, mean over channels [W]: float64."""
+    power: FloatArray = np.abs(photons[:, PHOTON_POWER : PHOTON_POWER + 3]).mean(axis=1, dtype=np.float64)
+    return power

@@ -210,6 +210,9 @@ def _compile_photons() -> None:
     scene.materials[0].graph = NodeGraph([mirror], Link(0, "BSDF"))
     for spectral in ("OFF", "ON"):
         _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0, spectral=spectral)
+    scene.materials[0].graph.nodes.append(Node("ShaderNodeVolumeScatter", "Fog", {"Density": 0.1}))
+    scene.materials[0].graph.volume = Link(1, "Volume")
+    _render("OFF", scene=scene, caustics="PHOTONS", filter_glossy=0.0)
 
 
 def _compile_curves() -> None:

@@ -31,6 +31,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_PHOTONS,
+    SCENE_HAS_PHOTONS_WITHIN,
     SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
@@ -89,6 +90,8 @@ def scene_header(scene: Scene, settings: RenderSettings) -> Int64Array:
     numbers[SCENE_SHORTENS] = scene.description.fast_gi.bounces > 0
     numbers[SCENE_ADDS_LIGHT] = scene.description.fast_gi.added != 0.0
     numbers[SCENE_HAS_PHOTONS] = has_photons(scene, settings)
+    stands = not scene.casters.motion.any() and settings.channel_count == RGB
+    numbers[SCENE_HAS_PHOTONS_WITHIN] = bool(numbers[SCENE_HAS_PHOTONS]) and media.is_used and stands
     numbers[SCENE_BAKES] = scene.description.bake is not None
     return numbers
 

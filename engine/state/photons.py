@@ -33,6 +33,12 @@ _photon.take()
 PHOTON_POWERS = _photon.take(4)  # [W], at its wavelengths; PHOTON_POWER is their mean then
 PHOTON_WIDTH_MORE = _photon.width(16)
 
+# Marks of photons within media have no normal: in its place,
+PHOTON_MEDIUM = PHOTON_NG  # what tells their medium from others
+PHOTON_SCATTERING = PHOTON_NG + 1  # of the medium there, mean over channels [m^-1]
+PHOTON_IS_WITHIN = PHOTON_NG + 2  # IS_WITHIN, which no unit normal has; their PHOTON_POWER is in W m
+IS_WITHIN = np.float32(2.0)
+
 #: See PHOTON_BOUNCES. Blender's limits are 1024.
 BOUNCE_LIMIT = 2048
 
@@ -46,7 +52,9 @@ MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
 #: Of the photons within radii of a pixel (MAP_PIXELS) a path gathers one in so many; 0: as many of them as of a map's
 #: disc.
 MAP_ONE_IN = 2
-MAP_HEADER_WIDTH = 3
+MAP_TUBE_BUCKETS = 3  # of the marks within media
+MAP_MARKS = 4  # that a photon draws on each of its segments within media
+MAP_HEADER_WIDTH = 5
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
@@ -61,7 +69,19 @@ MAP_HALF_TIME = 4
 MAP_HALF_WAVES = 5
 #: Paths that have met nothing diffuse gather within so many radii of their pixel, at most.
 MAP_PIXELS = 6
-MAP_NUMBERS = 7
+# The same of marks within media, which are gathered within a cylinder about a path's segment, TUBE_LENGTH radii long.
+MAP_TUBE_RADIUS = 7  # [m]
+MAP_TUBE_INVERSE_CELL = 8  # [m^-1]
+MAP_TUBE_SCALE = 9  # [m^-3]
+MAP_TUBE_EXPECTED = 10  # [m^3]
+MAP_NUMBERS = 11
+
+TUBE_LENGTH = 4
+#: Of the marks in a cylinder a path gathers one in so many.
+TUBE_ONE_IN = 4
+
+#: MAP_MARKS while nothing tells how many pay.
+MARKS_AT_FIRST = 4
 
 # Bits of CasterArrays.instances
 MAY_CAST = 1
@@ -103,7 +123,7 @@ class CasterArrays(Bundle):
 
 
 class PhotonMap(Bundle):
-    """Photons sorted by the cells of a hashed grid, P of them in H buckets.
+    """Photons sorted by the cells of a hashed grid, P of them in H buckets; and M marks within media, in K buckets.
 
     header : int64 (MAP_HEADER_WIDTH,); numbers : float32 (MAP_NUMBERS,)
     cumulative : float64 (S,), of the probabilities with which photons begin at the casters' pieces, the last is 1.
@@ -112,9 +132,10 @@ class PhotonMap(Bundle):
     starts : int32 (H + 1,), first photon of each bucket
     places : float32 (P, 3), where they have arrived, which is asked for most
     photons : float32 (P, `photon_width`)
+    starts_within : int32 (K + 1,); within : float32 (M, as `photons`)
     """
 
-    _dynamic = frozenset({"photons"})
+    _dynamic = frozenset({"photons", "within"})
 
     header: Int64Array
     numbers: Float32Array
@@ -123,6 +144,8 @@ class PhotonMap(Bundle):
     starts: Int32Array
     places: Float32Array
     photons: Float32Array
+    starts_within: Int32Array
+    within: Float32Array
 
 
 class PhotonLanes(Bundle):
@@ -171,10 +194,12 @@ def no_casters(lights: LightArrays) -> CasterArrays:
 def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray | None = None) -> PhotonMap:
     """A map without photons, which are to begin with these densities."""
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
-    header[MAP_BUCKETS] = 1
+    header[MAP_BUCKETS] = header[MAP_TUBE_BUCKETS] = 1
+    header[MAP_MARKS] = MARKS_AT_FIRST
     return PhotonMap(
         header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),
         cumulative=np.zeros(0, np.float64) if cumulative is None else cumulative,
         place_density=np.zeros(0, np.float32) if place_density is None else place_density, starts=np.zeros(2, np.int32),
         places=np.zeros((0, 3), np.float32), photons=np.zeros((0, PHOTON_WIDTH), np.float32),
+        starts_within=np.zeros(2, np.int32), within=np.zeros((0, PHOTON_WIDTH), np.float32),
     )  # fmt: skip

@@ -33,7 +33,8 @@ SCENE_SHORTENS = 22  # later bounces look at what is near alone (`FastGi.bounces
 SCENE_ADDS_LIGHT = 23  # surfaces receive light for what does not hide the sky (`FastGi.added`)
 SCENE_BAKES = 24  # rays look at places of a bake, not from the camera
 SCENE_HAS_PHOTONS = 25  # lamps' light through smooth surfaces is found by photons
-SCENE_HEADER_WIDTH = 26
+SCENE_HAS_PHOTONS_WITHIN = 26  # and within media, where nothing moves and paths have no wavelengths
+SCENE_HEADER_WIDTH = 27
 
 # UnitView.header
 UNIT_SEED = 0

@@ -35,6 +35,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_PHOTONS,
+    SCENE_HAS_PHOTONS_WITHIN,
     SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
@@ -58,6 +59,7 @@ from engine.wavefront.end_in_cache import end_in_cache, follow_collisions, follo
 from engine.wavefront.enter_portals import enter_portals
 from engine.wavefront.evaluate_shaders import evaluate_shaders
 from engine.wavefront.follow_reflections import follow_reflections, write_reflected_motion
+from engine.wavefront.gather_at_collisions import gather_at_collisions, mark_collisions
 from engine.wavefront.gather_photons import gather_photons, mark_caustics
 from engine.wavefront.guide_collisions import guide_collisions, prepare_collision_guides
 from engine.wavefront.guide_lights import guide_lights
@@ -66,6 +68,7 @@ from engine.wavefront.hidden_lamps import leave_hidden_lamps, meet_hidden_lamps
 from engine.wavefront.init_from_camera import init_from_camera
 from engine.wavefront.intersect_closest import intersect_closest
 from engine.wavefront.intersect_shadow import intersect_shadow, pass_transparent
+from engine.wavefront.keep_at_collisions import keep_at_collisions
 from engine.wavefront.keep_photons import keep_photons
 from engine.wavefront.leave_to_photons import leave_to_photons
 from engine.wavefront.light_segments import leave_segments, light_segments
@@ -203,6 +206,7 @@ _MEDIA, _DENSE_MEDIA = _scene(SCENE_HAS_MEDIA), _scene(SCENE_HAS_DENSE_MEDIA)
 _VARYING_MEDIA, _MOVING_MEDIA = _scene(SCENE_HAS_VARYING_MEDIA), _scene(SCENE_HAS_MOVING_MEDIA)
 _TRANSPARENT_SHADOWS, _ROUNDS = _scene(SCENE_HAS_TRANSPARENT_SHADOWS), _scene(SCENE_HAS_ROUNDS)
 _SUBSURFACE, _PHOTONS = _scene(SCENE_HAS_SUBSURFACE), _scene(SCENE_HAS_PHOTONS)
+_PHOTONS_WITHIN = _scene(SCENE_HAS_PHOTONS_WITHIN)
 _HIDDEN_LAMPS, _VARYING_LAMPS = _scene(SCENE_HAS_HIDDEN_LAMPS), _scene(SCENE_HAS_VARYING_LAMPS)
 _FEATURES, _DENOISING = _unit(UNIT_USE_FEATURES), _unit(UNIT_USE_DENOISING)
 _SPLITS_LIGHT, _OCCLUSION, _CATCHES = _unit(UNIT_SPLITS_LIGHT), _unit(UNIT_USE_OCCLUSION), _unit(UNIT_CATCHES)
@@ -253,6 +257,7 @@ _STAGES = (
     Stage(find_gaps, "sample_medium", _DENSE_MEDIA),
     Stage(light_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
     Stage(leave_segments, "light_segments", _all(_MEDIA, _EMITTERS)),
+    Stage(gather_at_collisions, "gather_photons", _PHOTONS_WITHIN),
     Stage(begin_tracking, "track_media", _VARYING_MEDIA),
     Stage(find_collisions, "track_media", _VARYING_MEDIA),
     Stage(move_media, "track_media attenuate_shadows", _MOVING_MEDIA),
@@ -334,6 +339,7 @@ _STAGES = (
     Stage(cross_boundaries, "sample_medium", _MEDIA),
     Stage(split_scattered, "split_light", _SPLITS_LIGHT),
     Stage(mark_caustics, "gather_photons", _PHOTONS),
+    Stage(mark_collisions, "gather_photons", _PHOTONS_WITHIN),
     Stage(follow_collisions, "end_in_cache", _all(_uses_cache, _MEDIA)),
     Stage(follow_footprints, "end_in_cache", _uses_cache),
     Stage(collect_records, "collect_records", _records),
@@ -344,6 +350,7 @@ _STAGES = (
     Stage(launch_photons, "", _PHOTONS),
     Stage(follow_photons, "", _PHOTONS),
     Stage(keep_photons, "", _PHOTONS),
+    Stage(keep_at_collisions, "", _PHOTONS_WITHIN),
 )
 
 #: Kernels of all stages by name.

@@ -2,7 +2,13 @@
 """The loop that sends photons off, compiled as that of paths is (`trace_rounds.py`)."""
 
 from engine.runtime.jit import kernel
-from engine.wavefront.columns import SCENE_HAS_DENSE_MEDIA, SCENE_HAS_MEDIA, SCENE_IS_SPECTRAL, UNIT_SHADER_MODE
+from engine.wavefront.columns import (
+    SCENE_HAS_DENSE_MEDIA,
+    SCENE_HAS_MEDIA,
+    SCENE_HAS_PHOTONS_WITHIN,
+    SCENE_IS_SPECTRAL,
+    UNIT_SHADER_MODE,
+)
 from engine.wavefront.trace_rounds import evaluate, prepare_surfaces, sample_lights
 
 
@@ -31,7 +37,8 @@ def trace_photons(stages, scene, unit, guidance, work, stop):
             stages.start_media(scene, unit, work, work.active)
         sample_lights(stages, scene, unit, guidance, work)
         stages.launch_photons(scene, unit, work, work.active)
-        while work.traced.count[0] > 0:
+        is_under_way = work.traced.count[0] > 0
+        while is_under_way:
             prepare_surfaces(stages, scene, unit, work)
             evaluate(stages, scene, work, work.points, work.shaded, work.surface, unit.header[UNIT_SHADER_MODE])
             if scene.header[SCENE_IS_SPECTRAL] != 0:
@@ -39,11 +46,15 @@ def trace_photons(stages, scene, unit, guidance, work, stop):
             stages.keep_photons(scene, unit, work, work.surface)
             if has_media:
                 stages.cross_boundaries(scene, unit, work, work.surface)
+            # Those that have crossed nothing but a boundary are not among the traced.
             stages.follow_photons(scene, unit, work, work.active)
-            if work.traced.count[0] > 0:
+            is_under_way = work.traced.count[0] > 0
+            if is_under_way:
                 stages.intersect_closest(scene, unit, work, work.traced)
                 if scene.header[SCENE_HAS_DENSE_MEDIA] != 0:
                     stages.find_gaps(scene, unit, work, work.traced)
+                if scene.header[SCENE_HAS_PHOTONS_WITHIN] != 0:
+                    stages.keep_at_collisions(scene, unit, work, work.traced)
                 if has_media:
                     stages.sample_medium(scene, unit, work, work.traced)
     return 0

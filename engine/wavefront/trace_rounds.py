@@ -22,6 +22,7 @@ from engine.wavefront.columns import (
     SCENE_HAS_MEDIA,
     SCENE_HAS_MOVING_MEDIA,
     SCENE_HAS_PHOTONS,
+    SCENE_HAS_PHOTONS_WITHIN,
     SCENE_HAS_PORTALS,
     SCENE_HAS_ROUNDS,
     SCENE_HAS_SUBSURFACE,
@@ -366,6 +367,8 @@ def _note_scattering(stages, scene, unit, work):
     """Say of paths that were sent on what they carry, and who else may find what they meet next."""
     if scene.header[SCENE_HAS_PHOTONS] != 0:
         stages.mark_caustics(scene, unit, work, work.surface)
+        if scene.header[SCENE_HAS_PHOTONS_WITHIN] != 0:
+            stages.mark_collisions(scene, unit, work, work.active)
         mark(work.clock, CLOCK.gather_photons)
     if unit.header[UNIT_SPLITS_LIGHT] != 0:
         stages.split_scattered(scene, unit, work, work.surface)
@@ -443,6 +446,9 @@ def trace_rounds(stages, scene, unit, guidance, radiance, work, stop):
         if has_media and scene.header[SCENE_HAS_EMITTERS] != 0:
             # Before tracking, which leaves closures where shadow rays have theirs.
             _light_segments(stages, scene, unit, guidance, work)
+        if scene.header[SCENE_HAS_PHOTONS_WITHIN] != 0:
+            stages.gather_at_collisions(scene, unit, work, work.traced)
+            mark(clock, CLOCK.gather_photons)
         _follow_rays(stages, scene, unit, work)
         if scene.header[SCENE_HAS_HITTABLE_LIGHTS] != 0:
             _shade_lights(stages, scene, unit, work)

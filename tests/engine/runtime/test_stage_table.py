@@ -28,6 +28,7 @@ from engine.wavefront.trace_rounds import trace_rounds
 from tests.helpers.bakes import first_triangle
 from tests.helpers.caustic_scenes import mirror_scene
 from tests.helpers.media_scenes import grid_of
+from tests.helpers.misty_scenes import mirror_in_fog
 from tests.helpers.subsurface_scenes import below
 
 _OF_WAVELENGTHS = {"upsample_emission", "upsample_lights", "upsample_closures"}
@@ -49,8 +50,10 @@ _OF_LINKS = {
 #: Of Fast GI, which adds light to the scene with media; short rays are for unguided renders.
 _OF_FAST_GI = {"shorten_rays", "lengthen_rays", "dim_background"}
 #: Of the loop that sends photons off; and of paths where photons are.
-_OF_PHOTON_LOOP = {"place_photons", "launch_photons", "follow_photons", "keep_photons"}
-_OF_PHOTONS = _OF_PHOTON_LOOP | {"gather_photons", "leave_to_photons", "mark_caustics"}
+_OF_PHOTON_LOOP = {"place_photons", "launch_photons", "follow_photons", "keep_photons", "keep_at_collisions"}
+_OF_PHOTONS = _OF_PHOTON_LOOP | {
+    "gather_photons", "leave_to_photons", "mark_caustics", "gather_at_collisions", "mark_collisions"
+}
 _OF_BAKES = {"aim_at_baked", "meet_baked"}
 _OF_ADDED_LIGHT = {"aim_added_light", "leave_added_light"}
 #: Where media vary others are in its place.
@@ -323,7 +326,7 @@ def test_the_loops_pass_what_stages_of_photons_take(monkeypatch: pytest.MonkeyPa
     for module in (tracer, photon_tracing):
         monkeypatch.setattr(module, "BoundKernel", KeepingLoop)
     session = Session(RenderSettings(samples=1, threads=1, caustics="PHOTONS", filter_glossy=0.0))
-    session.load(mirror_scene())
+    session.load(mirror_in_fog())
     session.render()
     assert len(arguments) == 2, "a loop was not compiled"
     for loop, given in zip((trace_photons, trace_rounds), (arguments["6"], arguments["7"]), strict=True):
