@@ -175,8 +175,8 @@ class ObjectBake:
         from engine.scene.bake import bands_of
 
         height, total = len(counts), int(counts.sum())
-        pixels = self._picture.background(height, width)
-        bands, limit, has_any = bands_of(width, height), self._settings.time_limit, False
+        pixels: npt.NDArray[np.float32] | None = None
+        bands, limit = bands_of(width, height), self._settings.time_limit
         is_denoised = self._settings.use_denoising and "Combined" in self._picture.passes
         beside = _DENOISER_REACH if len(bands) > 1 and is_denoised else 0
         ends_at = time.monotonic() + limit
@@ -192,8 +192,9 @@ class ObjectBake:
             shares = 1.0 - left / total, 1.0 - (left - count) / total
             result = self._render(description, bake, height, shares)
             if result is None:
-                return pixels if has_any else None
-            has_any = True
+                return pixels
+            if pixels is None:
+                pixels = self._picture.background(height, width)
             x0, y0, x1, y1 = bake.region
             low, high = max(y0, first), min(y1, end)
             if low < high:
@@ -202,7 +203,7 @@ class ObjectBake:
                 break
             # Before room is made for the next.
             del bake, result
-        return pixels
+        return self._picture.background(height, width) if pixels is None else pixels
 
     def _render(
         self, description: SceneDescription, bake: Bake, height: int, shares: tuple[float, float]

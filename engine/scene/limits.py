@@ -26,7 +26,7 @@ _BYTES_PER_CHANNEL = 8
 #: Memory for a texel of a bake, without the image itself: places as Blender has them, one of its passes as it is read,
 #: and the picture; and for one of those that are rendered at once: its place as kernels read it, and its film
 #: (docs/decisions/baking.md).
-_BYTES_PER_TEXEL, _BYTES_PER_TEXEL_AT_ONCE = 96, 144
+_BYTES_PER_TEXEL, _BYTES_PER_TEXEL_AT_ONCE = 60, 184
 #: Where the system does not tell how much memory it has.
 _USUAL_MEMORY = 1 << 35
 

@@ -207,7 +207,7 @@ def test_an_image_that_memory_does_not_hold_is_refused(plane: Any, monkeypatch: 
         patched.setattr(limits, "resident_memory", lambda: 36 << 30)
         limits.check_baked_image(8192, 8192, "object 'Plane'")
         with pytest.raises(
-            ValueError, match=r"object 'Plane': to bake an image of 16384 x 16384 pixels needs 61 GiB of memory"
+            ValueError, match=r"object 'Plane': to bake an image of 16384 x 16384 pixels needs 52 GiB of memory"
         ):
             limits.check_baked_image(16384, 16384, "object 'Plane'")
     scene, _, image = plane
