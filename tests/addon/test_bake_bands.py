@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from addon import engine
+from engine.render.session import Session
 from engine.scene import bake as scene_bake
 from tests.helpers.bake_scenes import SIZE, bake, baked_plane
 
@@ -40,16 +41,15 @@ def banded(monkeypatch: pytest.MonkeyPatch) -> Any:
 @pytest.fixture
 def rendered(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     """First and last row of the places that are rendered at once."""
-    from addon.baking import ObjectBake
-
     rows: list[tuple[int, int]] = []
-    real = ObjectBake._render
+    real = Session.render
 
-    def render(self: Any, description: Any, baked: Any, *others: Any) -> Any:
-        rows.append((baked.region[1], baked.region[3]))
-        return real(self, description, baked, *others)
+    def render(session: Any, **named: Any) -> Any:
+        region = session.scene.description.bake.region
+        rows.append((region[1], region[3]))
+        return real(session, **named)
 
-    monkeypatch.setattr(ObjectBake, "_render", render)
+    monkeypatch.setattr(Session, "render", render)
     return rows
 
 
@@ -93,17 +93,16 @@ def test_the_time_limit_is_that_of_all_bands(plane: Any, banded: Any, monkeypatc
 
     scene, _, image = plane
     clock, limits = SimpleNamespace(now=0.0), list[float]()
-    real = baking.ObjectBake._render
+    real = Session.render
 
-    def render(self: Any, *arguments: Any) -> Any:
-        limits.append(self._session.settings.time_limit)
+    def render(session: Any, **named: Any) -> Any:
+        limits.append(session.settings.time_limit)
         clock.now += (100.0, 200.0, 1e9)[len(limits) - 1]
-        self._session.settings = self._settings
-        return real(self, *arguments)
+        return real(session, **named)
 
     banded()
     scene.neuralguide.time_limit = 800.0
-    monkeypatch.setattr(baking.ObjectBake, "_render", render)
+    monkeypatch.setattr(Session, "render", render)
     monkeypatch.setattr(baking, "time", SimpleNamespace(monotonic=lambda: clock.now))
     bake(scene, image, "NEURALGUIDE", "COMBINED", 1)
     assert limits == [pytest.approx(800.0 * 3 / 8), pytest.approx(700.0 * 3 / 5), pytest.approx(500.0)]
