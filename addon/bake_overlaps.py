@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from engine.scene.bake import Bake
     from engine.scene.description import Notice
 
 #: Texels that tell which UV map places come from, and how far off the map most of them may lie [texels]: from Blender
 #: 5.3 on a face has those too that it only touches.
 _ASKED, _MOST_OFF = 1 << 12, 1.5
+#: Texels among which those are sought, of which a few may have a face.
+_LOOKED_AT = 1 << 20
 #: What is not said: shares below this, fewer texels, and less than what edges that cross texels make by chance.
 _LEAST_SHARE, _LEAST_TEXELS, _SIGMAS = 0.01, 16, 4.0
 #: Texels whose faces are counted together.
@@ -58,17 +59,23 @@ class BakedUvs:
             layer.data.foreach_get("uv", values)
             self._maps.append(values.reshape(-1, 2)[corners].reshape(count, 3, 2))
 
-    def overlap_notice(self, bake: Bake) -> Notice | None:
-        """What to say where faces lie over each other on an image; None: nothing, or places are not by UVs."""
+    def overlap_notice(self, triangles: npt.NDArray[np.int32], weights: _Float32) -> Notice | None:
+        """What to say where faces lie over each other on an image; None: nothing, or places are not by UVs.
+
+        Parameters
+        ----------
+        triangles, weights
+            As of `Bake`, of the whole image; below 0: no triangle.
+        """
         from engine.scene.description import Notice
 
-        found = self._map_of(bake)
+        found = self._map_of(triangles, weights)
         if found is None:
             return None
         uvs, tile = found
-        size = np.array(bake.triangles.shape[::-1], np.float64)
+        size = np.array(triangles.shape[::-1], np.float64)
         count = np.zeros(len(uvs), np.int64)
-        flat = bake.triangles.reshape(-1)
+        flat = triangles.reshape(-1)
         for start in range(0, len(flat), _BLOCK):
             block = flat[start : start + _BLOCK]
             count += np.bincount(block[block >= 0], minlength=len(uvs))
@@ -85,19 +92,20 @@ class BakedUvs:
             "a texel of several faces shows the last of them, as in Cycles",
         )  # fmt: skip
 
-    def _map_of(self, bake: Bake) -> tuple[_Float32, _Float32] | None:
+    def _map_of(self, triangles: npt.NDArray[np.int32], weights: _Float32) -> tuple[_Float32, _Float32] | None:
         """The UV map that places come from, (faces, corners, 2), and its tile of this image; None of none."""
-        covered = np.flatnonzero(bake.triangles.reshape(-1) >= 0)
+        height, width = triangles.shape
+        step = max(triangles.size // _LOOKED_AT, 1)
+        covered = step * np.flatnonzero(triangles.reshape(-1)[::step] >= 0)
         asked = covered[:: max(len(covered) // _ASKED, 1)]
-        triangles = bake.triangles.reshape(-1)[asked]
-        if not len(asked) or triangles.max() >= len(self._slots):
+        faces = triangles.reshape(-1)[asked]
+        if not len(asked) or faces.max() >= len(self._slots):
             return None
-        height, width = bake.triangles.shape
         centers = (np.stack([asked % width, asked // width], axis=1) + 0.5) / (width, height)
-        first = bake.weights.reshape(-1, 2)[asked]
-        weights = np.concatenate([first, 1.0 - first.sum(axis=1, keepdims=True)], axis=1)
+        first = weights.reshape(-1, 2)[asked]
+        whole = np.concatenate([first, 1.0 - first.sum(axis=1, keepdims=True)], axis=1)
         for uvs in self._maps:
-            away = np.einsum("tc,tck->tk", weights, uvs[triangles]) - centers
+            away = np.einsum("tc,tck->tk", whole, uvs[faces]) - centers
             tile = np.round(np.median(away, axis=0))
             off = np.abs(away - tile) * (width, height)
             if np.quantile(off, 0.9) < _MOST_OFF:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from .bake_overlaps import BakedUvs
 from .bake_pictures import BakePicture, bake_picture
+from .bake_places import BakePlaces
 from .figures import log_figures
 from .passes import write_pass
 from .progress import TerminalBar
@@ -25,13 +26,15 @@ from .properties import render_settings
 from .shown_notices import show_notices
 
 if TYPE_CHECKING:
+    from engine.render.report import RenderResult
     from engine.scene.bake import Bake
     from engine.scene.description import Notice, SceneDescription
     from engine.settings import RenderSettings
 
-#: What Blender calls places that are on no face of the object, and the passes of its result that have the places.
-_NO_TRIANGLE = -1
-_PLACES, _DIFFERENTIALS, _SEEDS = "BakePrimitive", "BakeDifferential", "BakeSeed"
+#: Rows on either side of a band that are rendered for the denoiser alone: it blends what lies so far away.
+_DENOISER_REACH = 32
+#: Of a band where no time is left [s]: each texel gets a sample.
+_LEAST_LIMIT = 1e-3
 
 
 class BakeHook:
@@ -143,33 +146,87 @@ class ObjectBake:
         self._image_count += 1
         is_whole = False
         try:
-            bake = read_places(target.layers[0], (height, width), self._instance, self._view)
-            overlap = self._uvs.overlap_notice(bake)
+            places = BakePlaces(target.layers[0], (height, width), self._instance, self._view)
+            triangles, weights = places.on_triangles()
+            overlap = self._uvs.overlap_notice(triangles, weights)
             self._show([] if overlap is None else [overlap])
-            if bake.has_places:
-                pixels = self._render(self._description, bake)
-            else:
-                # As in Cycles: what no face has is opaque or clear by the type that is baked.
-                pixels = self._picture.background(height, width)
+            counts = np.count_nonzero(triangles >= 0, axis=1)
+            # They are of the whole image, and a band's are read again.
+            del triangles, weights
+            pixels = self._bake_bands(self._description, places, counts, width)
             if pixels is not None:
                 write_pass(target.layers[0].passes.find_by_name("Combined", ""), pixels)
                 is_whole = True
         finally:
             self._engine.end_result(target, cancel=not is_whole, do_merge_results=is_whole)
 
-    def _render(self, description: SceneDescription, bake: Bake) -> npt.NDArray[np.float32] | None:
-        """Pixels, float32 (H, W, 4), of the samples that there are if the user has cancelled; None of none."""
+    def _bake_bands(
+        self, description: SceneDescription, places: BakePlaces, counts: npt.NDArray[np.int64], width: int
+    ) -> npt.NDArray[np.float32] | None:
+        """Pixels, float32 (H, W, 4), as far as the user has not cancelled; None of none.
+
+        As in Cycles, what no face has is opaque or clear by the type that is baked.
+
+        Parameters
+        ----------
+        counts : int (H,)
+            Places in each row of the image.
+        """
+        from engine.scene.bake import bands_of
+
+        height, total = len(counts), int(counts.sum())
+        pixels: npt.NDArray[np.float32] | None = None
+        bands, limit = bands_of(width, height), self._settings.time_limit
+        is_denoised = self._settings.use_denoising and "Combined" in self._picture.passes
+        beside = _DENOISER_REACH if len(bands) > 1 and is_denoised else 0
+        ends_at = time.monotonic() + limit
+        for first, end in bands:
+            count, left = int(counts[first:end].sum()), int(counts[first:].sum())
+            if not count:
+                continue
+            bake = places.band(max(first - beside, 0), min(end + beside, height))
+            if limit:
+                # 0 would be no limit.
+                share = max((ends_at - time.monotonic()) * count / left, _LEAST_LIMIT)
+                self._session.settings = dataclasses.replace(self._settings, time_limit=share)
+            shares = 1.0 - left / total, 1.0 - (left - count) / total
+            result = self._render(description, bake, height, shares)
+            if result is None:
+                return pixels
+            if pixels is None:
+                pixels = self._picture.background(height, width)
+            x0, y0, x1, y1 = bake.region
+            low, high = max(y0, first), min(y1, end)
+            if low < high:
+                pixels[low:high, x0:x1] = self._picture.compose(result.passes)[low - y0 : high - y0]
+            if result.report.cancelled:
+                break
+            # Before room is made for the next.
+            del bake, result
+        return self._picture.background(height, width) if pixels is None else pixels
+
+    def _render(
+        self, description: SceneDescription, bake: Bake, height: int, shares: tuple[float, float]
+    ) -> RenderResult | None:
+        """Samples of some of the image's rows, as many as there are if the user has cancelled; None of none.
+
+        Parameters
+        ----------
+        height : int
+            Of the whole image.
+        shares : (float, float)
+            Of the whole work, before and after these rows.
+        """
         from engine.render.session import LoadCancelled
 
         start = time.monotonic()
-        height, width = bake.triangles.shape
-        x0, y0, x1, y1 = region = bake.region
         frame = dataclasses.replace(
-            description.frame, width=width, height=height, region=region, pixel_aspect_x=1.0, pixel_aspect_y=1.0
-        )
+            description.frame, width=bake.triangles.shape[1], height=height, region=bake.region, pixel_aspect_x=1.0,
+            pixel_aspect_y=1.0,
+        )  # fmt: skip
         description = dataclasses.replace(description, frame=frame, bake=bake)
         try:
-            with self._progress() as on_progress:
+            with self._progress(*shares) as on_progress:
                 notices = self._session.load(
                     description, on_progress=on_progress, should_cancel=self._should_cancel
                 )
@@ -183,21 +240,23 @@ class ObjectBake:
             return None
         self._show(result.report.notices)
         log_figures(f"Bake {self._name}", self._frame, time.monotonic() - start, result.report)
-        pixels = self._picture.background(height, width)
-        pixels[y0:y1, x0:x1] = self._picture.compose(result.passes)
-        return pixels
+        return result
 
     def _show(self, notices: list[Notice]) -> None:
         show_notices(self._engine, notices)
 
     @contextmanager
-    def _progress(self) -> Iterator[Callable[[Any], None]]:
+    def _progress(self, before: float, after: float) -> Iterator[Callable[[Any], None]]:
         bar = TerminalBar() if bpy.app.background else None
 
         def on_progress(progress: Any) -> None:
-            self._engine.update_progress(progress.fraction)
+            fraction = before + (after - before) * progress.fraction
+            if after < 1.0:
+                # What it is of these rows says nothing of all.
+                progress = dataclasses.replace(progress, remaining=None)
+            self._engine.update_progress(fraction)
             if bar is not None:
-                bar.update(f"Bake {self._name}", progress.fraction, progress)
+                bar.update(f"Bake {self._name}", fraction, progress)
 
         try:
             yield on_progress
@@ -261,37 +320,3 @@ def _find_instance(description: SceneDescription, baked: bpy.types.Object) -> in
             f"or be hidden from all rays (Object properties > Visibility)"
         )
     return rows[0]
-
-
-def read_places(layer: bpy.types.RenderLayer, shape: tuple[int, int], instance: int, view: str) -> Bake:
-    """The places that Blender has put into the passes of a result.
-
-    Raises
-    ------
-    ValueError
-        If Blender has other passes there.
-    """
-    from engine.scene.bake import Bake
-
-    found = {item.name: item for item in layer.passes}
-    places, differentials = found.get(_PLACES), found.get(_DIFFERENTIALS)
-    if places is None or differentials is None or (places.channels, differentials.channels) != (3, 4):
-        has = ", ".join(f"{item.name} ({item.channels})" for item in layer.passes)
-        raise ValueError(f"this Blender gives places to bake in another form: its result has {has}")
-    numbers = _read(places, shape)
-    seeds = found.get(_SEEDS)
-    return Bake(
-        instance=instance,
-        triangles=np.maximum(np.ascontiguousarray(numbers[..., 2]).view(np.int32), _NO_TRIANGLE),
-        weights=np.ascontiguousarray(numbers[..., :2]),
-        differentials=_read(differentials, shape),
-        seeds=None if seeds is None else _read(seeds, shape).view(np.int32)[..., 0],
-        view=view,
-    )
-
-
-def _read(item: bpy.types.RenderPass, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
-    """A pass as it lies in memory, float32 (H, W, channels): numbers of triangles are integers, and no floats."""
-    pixels = np.empty(len(item.rect) * item.channels, np.float32)
-    item.rect.foreach_get(pixels)
-    return pixels.reshape(*shape, item.channels)

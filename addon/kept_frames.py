@@ -65,15 +65,16 @@ def _temporary_folder() -> Path:
     return Path(bpy.app.tempdir).parent
 
 
-def kept_path(scene: bpy.types.Scene, *, is_animation: bool) -> Path | None:
-    """What names of checkpoints of a scene's current frame begin with; None: it is a movie's.
+def kept_path(scene: bpy.types.Scene, *, is_animation: bool) -> Path:
+    """What names of checkpoints of a scene's current frame begin with.
 
     Frames of animations are kept next to where Blender saves them. Blender saves no others, so their folder need not
     be there: then they are kept in the folder for temporary files, where many scenes have frames of the same name.
+
+    A movie's name has its first and last frame. Whoever goes on with one that was cut off begins with another, so that
+    frames are called as the movie is without these.
     """
     render, frame = scene.render, scene.frame_current
-    if is_animation and render.is_movie_format:
-        return None
     folder, own = _temporary_folder(), Path(bpy.data.filepath).stem or "unsaved"
     try:
         path = frame_paths(render, frame)[0].absolute()
@@ -81,11 +82,17 @@ def kept_path(scene: bpy.types.Scene, *, is_animation: bool) -> Path | None:
         # Blender itself says so as soon as it saves the frame.
         path = folder / f"{frame:04d}"
     if render.is_movie_format:
-        path = path.with_name(f"{path.name}.{frame:04d}")
+        path = path.with_name(f"{_without_range(scene, path.name)}.{frame:04d}")
     is_nowhere = not path.parent.is_dir() or (not bpy.data.filepath and render.filepath.startswith("//"))
     if not is_animation and is_nowhere:
         path = folder / path.name
     return path.with_name(f"{own}_{path.name}") if path.parent == folder else path
+
+
+def _without_range(scene: bpy.types.Scene, name: str) -> str:
+    """The name of a movie without the frames that it has from Blender, which are not those of a preview here."""
+    before, _, after = name.rpartition(f"{scene.frame_start:04d}-{scene.frame_end:04d}")
+    return before + after
 
 
 def _frame_of(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> checkpoints.FrameCheckpoints | None:
@@ -95,8 +102,8 @@ def _frame_of(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) ->
     if _job.frame is None:
         scene = bpy.data.scenes.get(_job.scene_name) or depsgraph.scene
         asked = checkpoints.Wishes(resumes=True, is_patient=True).of_scene(scene)
-        path = kept_path(scene, is_animation=engine.is_animation) if asked.interval else None
-        if path is not None:
+        if asked.interval:
+            path = kept_path(scene, is_animation=engine.is_animation)
             _job.frame = checkpoints.FrameCheckpoints(scene, path, asked, lambda text: _say(engine, text))
     return _job.frame
 
@@ -137,8 +144,8 @@ def note_view(
 
     is_long = report.render_seconds >= _LONG
     if is_long and engine.is_animation and scene.render.is_movie_format and scene.neuralguide.keep_unfinished:
-        problem = "what is rendered of a movie is not kept while its frames are unfinished"
-        show([Notice("Movie", problem, "render long frames to pictures, which go on where they were cut off")])
+        problem = "a movie that is cut off goes on with the frame in work alone, and in another file"
+        show([Notice("Movie", problem, "render long frames to pictures, each of which is whole")])
     checkpointing = session.checkpointing
     if sequence.frame_range is not None or checkpointing is None:
         return
@@ -148,6 +155,18 @@ def note_view(
     if checkpointing.is_written and not checkpointing.is_finished:
         kept = _kept[scene.name] = Kept(scene.frame_current, checkpointing.plan.path)
         _say(engine, f"frame {kept.frame} is kept as far as it came, in {kept.path}: rendered again, it goes on")
+        if engine.is_animation and scene.render.is_movie_format:
+            _say(engine, _of_movie(kept.frame))
+
+
+def _of_movie(frame: int) -> str:
+    """What to do about a movie that was cut off in a frame."""
+    if is_asked_to_end():
+        return "the movie so far is lost, since this process ends before Blender has closed its file"
+    return (
+        f"the movie ends before frame {frame}, and cannot be gone on with: rename its file, set Start to {frame}, "
+        f"render the rest to a second movie, and join the two"
+    )
 
 
 def _say(engine: bpy.types.RenderEngine, text: str) -> None:
@@ -170,7 +189,7 @@ def is_asked_to_end() -> bool:
 def forget_frame(scene: bpy.types.Scene) -> tuple[list[Path], list[Path]]:
     """Remove what is kept of a scene's current frame; returns files that are gone, and those that are still there."""
     paths = {kept_path(scene, is_animation=is_animation) for is_animation in (False, True)}
-    found = [item for path in paths if path is not None for item in checkpoints.files_of(path)]
+    found = [item for path in paths for item in checkpoints.files_of(path)]
     left = [item for item in found if not checkpoints.remove(item)]
     kept = kept_of(scene)
     if kept is not None and not kept.path.exists():

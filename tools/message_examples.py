@@ -38,8 +38,9 @@ _SIZES = {
     "wrong.negative": "40",
     "wrong.not_finite": "40",
     "_MOST_FAILURES": "3",
-    "bake.triangles.shape[1]": "1024",
-    "bake.triangles.shape[0]": "512",
+    "column_count": "1024",
+    "row_count": "512",
+    "bake.first_row": "256",
     "len(mesh.triangles)": "12",
     "int(triangles.max())": "400",
 }

@@ -11,6 +11,7 @@ from engine.scene.description import Camera, SceneDescription
 from engine.state.bake import (
     BAKE_DISTANCE,
     BAKE_EYE,
+    BAKE_FIRST_ROW,
     BAKE_HEADER_WIDTH,
     BAKE_IMAGE_WIDTH,
     BAKE_INSTANCE,
@@ -47,10 +48,13 @@ def build_bake(description: SceneDescription, geometry: GeometryArrays) -> BakeA
     if bake is None:
         return no_bake()
     frame, instances = description.frame, description.instances
-    if bake.triangles.shape != (frame.height, frame.width):
+    row_count, column_count = bake.triangles.shape
+    _, bottom, _, top = frame.region
+    is_there = 0 <= bake.first_row <= bottom and top <= bake.first_row + row_count <= frame.height
+    if column_count != frame.width or not is_there:
         raise ValueError(
-            f"the bake has places for {bake.triangles.shape[1]} x {bake.triangles.shape[0]} pixels, and the image is "
-            f"{frame.width} x {frame.height}"
+            f"the bake has places for {column_count} x {row_count} pixels from row {bake.first_row} on, and the image "
+            f"is {frame.width} x {frame.height}"
         )
     if not 0 <= bake.instance < len(instances.mesh):
         raise ValueError(f"the bake is of instance {bake.instance}, and there are {len(instances.mesh)}")
@@ -72,7 +76,7 @@ def build_bake(description: SceneDescription, geometry: GeometryArrays) -> BakeA
             f"object {name!r} has {len(mesh.triangles)} triangles, and triangle {int(triangles.max())} is to be baked: "
             f"its mesh is another in the bake than in renders"
         )
-    rows = np.full(frame.width * frame.height, -1, np.int32)
+    rows = np.full(is_covered.size, -1, np.int32)
     rows[is_covered.reshape(-1)] = np.arange(len(triangles), dtype=np.int32)
     places = np.empty((len(triangles), PLACE_WIDTH), np.float32)
     places[:, :2], places[:, 2:6] = bake.weights[is_covered], bake.differentials[is_covered]
@@ -84,6 +88,7 @@ def build_bake(description: SceneDescription, geometry: GeometryArrays) -> BakeA
         block[:, PLACE_RADIUS] = _radii(block[:, 2:6].astype(np.float64), corners, transform)
     header = np.zeros(BAKE_HEADER_WIDTH, np.int64)
     header[BAKE_INSTANCE], header[BAKE_IMAGE_WIDTH] = bake.instance, frame.width
+    header[BAKE_FIRST_ROW] = bake.first_row
     numbers = np.zeros(BAKE_NUMBERS, np.float32)
     header[BAKE_VIEW], numbers[BAKE_EYE : BAKE_EYE + 3] = _view(bake, description.camera)
     numbers[BAKE_DISTANCE] = _extent(np.asarray(mesh.vertices, np.float64), transform)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from engine.scene.bake import bands_of
 from engine.scene.description import Frame, SceneDescription
 
 #: Memory for a pixel: the film's sums, the picture made of them and the host's copy, without passes.
@@ -22,9 +23,10 @@ _BYTES_PER_TRIANGLE, _BYTES_PER_INSTANCE, _BYTES_PER_LIGHT = 160, 500, 3000
 _BYTES_PER_KEY = 200
 #: Memory for a channel of a pass: the engine's image of it and the host's.
 _BYTES_PER_CHANNEL = 8
-#: Memory for a texel of a bake, without the image itself: places as Blender has them, as they are read and as kernels
-#: read them, and a picture (docs/decisions/baking.md).
-_BYTES_PER_TEXEL = 240
+#: Memory for a texel of a bake, without the image itself: places as Blender has them, one of its passes as it is read,
+#: and the picture; and for one of those that are rendered at once: its place as kernels read it, and its film
+#: (docs/decisions/baking.md).
+_BYTES_PER_TEXEL, _BYTES_PER_TEXEL_AT_ONCE = 60, 184
 #: Where the system does not tell how much memory it has.
 _USUAL_MEMORY = 1 << 35
 
@@ -158,7 +160,8 @@ def check_baked_image(width: int, height: int, subject: str) -> None:
     ValueError
         Saying what of `subject` it is, and what to do.
     """
-    needed = resident_memory() + width * height * _BYTES_PER_TEXEL
+    at_once = width * max(end - first for first, end in bands_of(width, height))
+    needed = resident_memory() + width * height * _BYTES_PER_TEXEL + at_once * _BYTES_PER_TEXEL_AT_ONCE
     there = usable_memory() + swap_memory()
     if needed > there:
         raise ValueError(

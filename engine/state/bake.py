@@ -12,7 +12,8 @@ from engine.runtime.bundle import Bundle
 BAKE_INSTANCE = 0
 BAKE_IMAGE_WIDTH = 1
 BAKE_VIEW = 2  # VIEW_*
-BAKE_HEADER_WIDTH = 3
+BAKE_FIRST_ROW = 3  # of the full image, that `BakeArrays.rows` begins with
+BAKE_HEADER_WIDTH = 4
 
 VIEW_ABOVE = 0
 VIEW_POINT = 1  # from BAKE_EYE
@@ -40,7 +41,7 @@ class BakeArrays(Bundle):
 
     header : int64 (BAKE_HEADER_WIDTH,)
     numbers : float32 (BAKE_NUMBERS,)
-    rows : int32 (P,), of each pixel of the full image its place, -1 = none
+    rows : int32 (P,), of each pixel of some of the full image's rows its place, -1 = none
     places : float32 (R, PLACE_WIDTH)
     triangles : int32 (R,), rows of `GeometryArrays.triangles`
     seeds : int32 (R,) or (0,): each pixel has random numbers of its own

@@ -14,7 +14,15 @@ from engine.kernels.rng import SETS_BEFORE_VERTICES, pixel_hash
 from engine.kernels.surface import surface_point
 from engine.kernels.vector import add, length, load, scale, store, subtract
 from engine.runtime.jit import kernel
-from engine.state.bake import BAKE_DISTANCE, BAKE_IMAGE_WIDTH, BAKE_INSTANCE, BAKE_VIEW, PLACE_RADIUS, VIEW_BACKGROUND
+from engine.state.bake import (
+    BAKE_DISTANCE,
+    BAKE_FIRST_ROW,
+    BAKE_IMAGE_WIDTH,
+    BAKE_INSTANCE,
+    BAKE_VIEW,
+    PLACE_RADIUS,
+    VIEW_BACKGROUND,
+)
 from engine.state.unit import ALL_STRATA
 from engine.wavefront.columns import UNIT_SEED, UNIT_STRATA, UNIT_STRATUM, UNIT_USES_CACHE
 
@@ -25,7 +33,8 @@ def _row_of(bake, unit, paths, lane):
     pixel = paths.pixel[lane]
     if unit.header[UNIT_STRATUM] == ALL_STRATA:
         pixel = pixel // unit.header[UNIT_STRATA]
-    return bake.rows[unit.pixels[pixel, 1] * bake.header[BAKE_IMAGE_WIDTH] + unit.pixels[pixel, 0]]
+    row = unit.pixels[pixel, 1] - bake.header[BAKE_FIRST_ROW]
+    return bake.rows[row * bake.header[BAKE_IMAGE_WIDTH] + unit.pixels[pixel, 0]]
 
 
 @kernel

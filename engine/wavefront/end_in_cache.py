@@ -43,6 +43,8 @@ from engine.state.lanes import (
     CACHE_VERTEX_SIDE,
     CLOSURE_SAMPLE_WEIGHT,
     MAX_CACHE_VERTICES,
+    POINT_FLAG_BACKFACING,
+    POINT_FLAGS,
     POINT_INSTANCE,
     POINT_NG,
     POINT_P,
@@ -68,8 +70,9 @@ _LEAST_ROUGHNESS = np.float32(0.1)
 _LEAST_COSINE = np.float32(0.01)
 #: What has to have sent a path on before it may end: a diffuse lobe once, or a medium last.
 _SPREADS = RAY_DIFFUSE_ANCESTOR | RAY_VOLUME
-#: Bits of a surface's shader in what cells tell surfaces apart by.
+#: Bits of a surface's shader in what cells tell surfaces apart by, and with the bit of its side.
 _PROGRAM_BITS = 20
+_SIDE_BITS = _PROGRAM_BITS + 1
 _ENDS = RAY_TERMINATE_AFTER_TRANSPARENT | RAY_TERMINATE_ON_NEXT_SURFACE
 
 
@@ -86,9 +89,15 @@ def is_cached_surface(scene, instance, program):
 
 @kernel
 def surface_kind(scene, points, lane):
-    """What cells tell the surface that a lane has hit from others by: its shader, and the lamps that may light it."""
+    """What cells tell the surface that a lane has hit from others by: its shader, its side, and the lamps that may
+    light it.
+
+    Of a slab the inside faces the way that the outside across it does, and lies in one cell with that where the slab is
+    thinner. But paths meet the inside at the back of its faces.
+    """
     tree = tree_of_receiver(scene.lights, points.integer[lane, POINT_INSTANCE])
-    return np.int64(points.integer[lane, POINT_PROGRAM]) + (tree << _PROGRAM_BITS)
+    side = np.int64(points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0)
+    return np.int64(points.integer[lane, POINT_PROGRAM]) + (side << _PROGRAM_BITS) + (tree << _SIDE_BITS)
 
 
 @kernel

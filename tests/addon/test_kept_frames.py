@@ -282,20 +282,54 @@ def test_scenes_that_are_parts_of_a_picture_have_files_of_their_own(window: Wind
     assert found == ["x.exr.ngcheckpoint", "x.exr.Two.ngcheckpoint"]
 
 
-def test_movies_are_not_kept_and_that_is_said(window: Window) -> None:
+def make_movie(scene: Any) -> None:
+    if hasattr(scene.render.image_settings, "media_type"):
+        scene.render.image_settings.media_type = "VIDEO"
+    scene.render.image_settings.file_format = "FFMPEG"
+    scene.render.ffmpeg.format = "MPEG4"
+
+
+def test_frames_of_movies_are_called_as_the_movie_whatever_frames_it_has(window: Window) -> None:
+    from addon.kept_frames import kept_path
+
+    make_movie(window.scene)
+    for first in (1, 12):
+        window.scene.frame_start, window.scene.frame_end = first, 20
+        for is_animation in (False, True):
+            assert kept_path(window.scene, is_animation=is_animation).name == "x_.mp4.0001"
+    window.scene.use_preview_range = True
+    window.scene.frame_preview_start = 7
+    assert kept_path(window.scene, is_animation=True).name == "x_.mp4.0001"
+
+
+def test_of_long_frames_of_movies_it_is_said_how_they_go_on(window: Window) -> None:
     from addon import kept_frames
 
-    render, shown = window.scene.render, list[Notice]()
-    if hasattr(render.image_settings, "media_type"):
-        render.image_settings.media_type = "VIDEO"
-    render.image_settings.file_format = "FFMPEG"
-    assert kept_frames.kept_path(window.scene, is_animation=True) is None
-    still = kept_frames.kept_path(window.scene, is_animation=False)
-    assert still is not None and still.name.endswith(".0001")
+    shown = list[Notice]()
+    make_movie(window.scene)
     for seconds in (1.0, 61.0):
         engine, report = SimpleNamespace(is_animation=True), SimpleNamespace(render_seconds=seconds)
         kept_frames.note_view(engine, SimpleNamespace(checkpointing=None), window.scene, report, shown.extend)
     assert [notice.subject for notice in shown] == ["Movie"]
+
+
+def test_a_movie_that_is_cancelled_goes_on_with_its_frame_in_a_second_one(window: Window, capfd: Any) -> None:
+    """What Blender has written of the first is whole."""
+    import bpy
+
+    make_movie(window.scene)
+    kept = window.folder / "x_.mp4.0002.ngcheckpoint"
+    assert window.cancel(kept.name, animation=True).status == "CANCELLED" and kept.exists()
+    said = capfd.readouterr().err
+    assert f"frame 2 is kept as far as it came, in {kept}" in said and "set Start to 2" in said
+    first = window.folder / "x_0001-0002.mp4"
+    # Hooks of ours cancel a frame, and Blender saves what there is of it, too.
+    assert bpy.data.movieclips.load(str(first)).frame_duration in (1, 2)
+    window.scene.frame_start = 2
+    went_on = window.render(animation=True)
+    assert went_on.status == "FINISHED" and 0 < went_on.resumed < SAMPLES
+    assert names(window.folder) == ["x_0001-0002.mp4", "x_0002-0002.mp4"]
+    assert bpy.data.movieclips.load(str(window.folder / "x_0002-0002.mp4")).frame_duration == 1
 
 
 @posix

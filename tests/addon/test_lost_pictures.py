@@ -19,6 +19,7 @@ from addon.console import complain, say
 from addon.progress import TerminalBar
 from tests.helpers.command_line import names, run_here
 from tests.helpers.fake_engine import FakeEngine
+from tests.helpers.frozen_folders import freeze
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Runs the command line with a session that renders at once.
@@ -115,19 +116,6 @@ def test_a_field_on_a_read_only_file_system_costs_no_picture(
     ) == 0  # fmt: skip
     assert pixels(tmp_path / "x_0002.exr")[0, 7, 0] == 7
     assert "room.ngfield cannot be written (Read-only file system)" in capfd.readouterr().err
-
-
-def freeze(monkeypatch: Any, folder: Path) -> None:
-    """Have a folder behave as on a file system that is mounted read-only."""
-    for name in ("open", "unlink"):
-        real = getattr(Path, name)
-
-        def refuse(self: Path, *arguments: Any, _real: Any = real, **named: Any) -> Any:
-            if folder in self.parents:
-                raise OSError(errno.EROFS, "Read-only file system", str(self))
-            return _real(self, *arguments, **named)
-
-        monkeypatch.setattr(Path, name, refuse)
 
 
 @pytest.mark.parametrize("step", ["log_figures", "stamp_figures", "stamp_mattes"])

@@ -62,14 +62,15 @@ def baked_plane(scene: Any) -> tuple[Any, Any]:
 
 
 def bake(
-    scene: Any, image: Any, by: str, kind: str, samples: int, guiding_method: str = "OFF", **options: Any
+    scene: Any, image: Any, by: str, kind: str, samples: int, guiding_method: str = "OFF", *, denoises: bool = False,
+    **options: Any,
 ) -> Float32Array:
     """The image after a bake by an engine, NEURALGUIDE or CYCLES: float32 (H, W, 4)."""
     import bpy
 
     scene.render.engine = by
     scene.cycles.samples = scene.neuralguide.samples = samples
-    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    scene.cycles.use_adaptive_sampling, scene.cycles.use_denoising = False, denoises
     scene.neuralguide.guiding_method = guiding_method
     assert bpy.ops.object.bake(type=kind, **{"margin": 0, **options}) == {"FINISHED"}
     return pixels_of(image)

@@ -11,12 +11,13 @@ import pytest
 
 from engine.builder.bake import build_bake
 from engine.builder.geometry import build_geometry
-from engine.scene.bake import FROM_CAMERA, Bake
+from engine.scene.bake import BAND_TEXELS, FROM_CAMERA, Bake, bands_of
 from engine.scene.description import Camera, Frame, Mesh, SceneDescription
 from engine.scene.instances import plain_instances
 from engine.state.bake import (
     BAKE_DISTANCE,
     BAKE_EYE,
+    BAKE_FIRST_ROW,
     BAKE_VIEW,
     PLACE_RADIUS,
     VIEW_DIRECTION,
@@ -65,6 +66,24 @@ def test_pixels_know_their_places() -> None:
     assert np.isclose(bake.numbers[BAKE_DISTANCE], 2.0 * np.sqrt(2.0))
 
 
+def test_places_of_some_rows_are_those_of_the_whole_image() -> None:
+    """The third of five rows, with others that are there for the denoiser."""
+    description = square(first_row=1, triangles=np.array([[-1, -1], [-1, 1], [1, -1]], np.int32),
+                         weights=np.full((3, 2, 2), 0.25, np.float32), differentials=np.zeros((3, 2, 4), np.float32))
+    bake = built(replace(description, frame=Frame(2, 5, (0, 2, 2, 3))))
+    assert bake.rows.tolist() == [-1, -1, -1, 0, 1, -1] and bake.header[BAKE_FIRST_ROW] == 1
+    assert description.bake is not None and description.bake.region == (0, 2, 2, 4)
+
+
+def test_large_images_are_baked_in_bands_that_have_every_row_once() -> None:
+    assert bands_of(4096, 4096) == [(0, 4096)]
+    for width, height in ((8192, 8192), (16384, 16384), (5000, 3500), (1 << 25, 3)):
+        bands = bands_of(width, height)
+        assert len(bands) > 1
+        assert [row for first, end in bands for row in range(first, end)] == list(range(height))
+        assert all(width * (end - first) <= max(BAND_TEXELS, width) for first, end in bands)
+
+
 def test_without_a_bake_there_are_no_places() -> None:
     assert not len(built(replace(square(), bake=None)).rows)
 
@@ -89,7 +108,8 @@ def test_places_are_seen_from_the_camera(kind: str, view: int, eye: tuple[float,
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"triangles": np.zeros((2, 2), np.int32)}, "2 x 2 pixels, and the image is 2 x 1"),
+        ({"triangles": np.zeros((2, 2), np.int32)}, "2 x 2 pixels from row 0 on, and the image is 2 x 1"),
+        ({"first_row": 1}, "2 x 1 pixels from row 1 on, and the image is 2 x 1"),
         ({"instance": 2}, "of instance 2, and there are 2"),
         ({"triangles": np.array([[0, 2]], np.int32)}, "'Square' has 2 triangles, and triangle 2 is to be baked"),
         ({"view": "BELOW"}, "view is 'BELOW': choose ABOVE"),

@@ -19,6 +19,7 @@ from engine.render.film_addition import add_film
 from engine.render.loop_state import LoopState
 from engine.render.strata import StrataFilm
 from engine.state.film import allocate_tile
+from tests.helpers.frozen_folders import freeze
 from tests.helpers.interrupted import Renderer
 from tests.helpers.small_scenes import pit_scene, sun
 
@@ -243,6 +244,20 @@ def test_a_full_disk_costs_no_picture(monkeypatch, path):
     monkeypatch.setattr(os, "fsync", is_full)
     assert_same(made.taken_up(keeps=True), whole)
     assert f"{path} cannot be written (No space left on device)" in made.notices[0].problem
+    assert path.read_bytes() == before and [item.name for item in path.parent.iterdir()] == [path.name]
+
+
+def test_a_read_only_disk_costs_no_picture(monkeypatch, path):
+    """It goes on from what is there, and says once that no more is kept."""
+    made = renderer(monkeypatch, path)
+    whole = made.whole()
+    made.interrupted(5)
+    before = path.read_bytes()
+    with monkeypatch.context() as patch:
+        freeze(patch, path.parent)
+        assert_same(made.taken_up(keeps=True), whole)
+    assert made.resumed > 0
+    assert [notice.problem for notice in made.notices] == [f"{path} cannot be written (Read-only file system)"]
     assert path.read_bytes() == before and [item.name for item in path.parent.iterdir()] == [path.name]
 
 
