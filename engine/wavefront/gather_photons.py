@@ -149,10 +149,27 @@ def _note_found(scene, work, lane, over, expected):
 
 
 @kernel
+def _lies_within(grid, row, cell, p, n, radius):
+    """Whether a photon is in a cell, and within the disc of a place on a surface with that normal."""
+    places, photons = grid.places, grid.photons
+    q = (places[row, 0], places[row, 1], places[row, 2])
+    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    if dx * dx + dy * dy + dz * dz > radius * radius:
+        return False
+    if cell_of(q, grid.numbers[MAP_INVERSE_CELL]) != cell:
+        # Another cell that shares the bucket.
+        return False
+    if abs(dx * n[0] + dy * n[1] + dz * n[2]) > FLATNESS * radius:
+        return False
+    normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
+    return bool(abs(dot(normal, n)) > SAME_SURFACE)
+
+
+@kernel
 def _gather(scene, work, lane):
     """Add what photons bring to a lane's surface."""
     grid, closures, paths, points = scene.photons, work.closures, work.paths, work.points
-    photons, places, numbers = grid.photons, grid.places, grid.numbers
+    photons, numbers = grid.photons, grid.numbers
     f_cos, splits = work.f_cos, work.passes.parts.shape[0] > 0
     wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
     p, n, mover, growth = resting_place(scene, paths, points, lane)
@@ -160,7 +177,7 @@ def _gather(scene, work, lane):
     first_part = part_of_time(max(time - half_time, np.float32(0.0)), half_time)
     parts = part_of_time(min(time + half_time, np.float32(1.0)), half_time) - first_part + 1
     radius, one_in, disc = _disc_of(grid.header, numbers, paths, points, lane)
-    inverse_cell, squared, is_tried = numbers[MAP_INVERSE_CELL], radius * radius, grid.header[MAP_IS_TRIED] != 0
+    inverse_cell, is_tried = numbers[MAP_INVERSE_CELL], grid.header[MAP_IS_TRIED] != 0
     work.photons.disc[lane] = disc
     if is_tried and work.photons.tried[paths.pixel[lane], 2] == 0.0:
         work.photons.tried[paths.pixel[lane], 2] = points.real[lane, POINT_RADIUS]
@@ -182,17 +199,7 @@ def _gather(scene, work, lane):
         # Each photon of a bucket is in one of its parts.
         rows = last - first
         for row in range(first + chosen * rows // one_in, first + (chosen + 1) * rows // one_in):
-            q = (places[row, 0], places[row, 1], places[row, 2])
-            dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-            if dx * dx + dy * dy + dz * dz > squared:
-                continue
-            if cell_of(q, inverse_cell) != (x, y, z):
-                # Another cell that shares the bucket.
-                continue
-            if abs(dx * n[0] + dy * n[1] + dz * n[2]) > FLATNESS * radius:
-                continue
-            normal = (photons[row, PHOTON_NG], photons[row, PHOTON_NG + 1], photons[row, PHOTON_NG + 2])
-            if not abs(dot(normal, n)) > SAME_SURFACE:
+            if not _lies_within(grid, row, (x, y, z), p, n, radius):
                 continue
             weight, power = _weight_of_time(grid, time, mover, part, row), _powers(grid, paths, lane, row)
             if not weight * (power[0] + power[1] + power[2] + power[3]) > 0.0:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from engine.kernels.hash_grid import bucket_of
 from engine.render.photons_within import PhotonsWithin, part_marks, with_marks
 from engine.render.session import Session
 from engine.settings import RenderSettings
@@ -86,7 +87,7 @@ def test_a_map_holds_each_mark_once_in_the_bucket_of_its_cell() -> None:
     starts, mask = grid.starts_within, int(grid.header[MAP_TUBE_BUCKETS]) - 1
     assert starts[0] == 0 and starts[-1] == 500 and (np.diff(starts) >= 0).all()
     cells = np.floor(grid.within[:, PHOTON_P : PHOTON_P + 3] * grid.numbers[MAP_TUBE_INVERSE_CELL]).astype(np.int64)
-    buckets = (cells[:, 0] * 73856093 ^ cells[:, 1] * 19349663 ^ cells[:, 2] * 83492791) & mask
+    buckets = [bucket_of(*(np.int64(i) for i in cell), np.int64(0), np.int64(mask)) for cell in cells]
     assert (np.searchsorted(starts, np.arange(500), side="right") - 1 == buckets).all()
 
 
