@@ -31,7 +31,9 @@ from engine.state.lanes import (
     POINT_RADIUS,
     POINT_WO,
     RAY_CAUSTIC,
+    RAY_DIFFUSE,
     RAY_GATHERED,
+    RAY_REFLECT,
     RAY_SINGULAR,
     RAY_SUBSURFACE,
     RAY_TRANSPARENT,
@@ -74,8 +76,15 @@ def _is_of_path(options, paths, lane, photons, row):
         paths.depth[lane] + 1 + glossy + passed <= options.max_depth
         and paths.glossy_depth[lane] + glossy <= options.max_glossy_depth
         and paths.transmission_depth[lane] + passed <= options.max_transmission_depth
-        and paths.diffuse_depth[lane] + 1 <= options.max_diffuse_depth
     )
+
+
+@kernel
+def _may_go_on(options, diffuse_depth):
+    """Whether a path that has been scattered so often diffusely may be once more, and then over a caster: photons are
+    where paths would be.
+    """
+    return diffuse_depth + 1 < options.max_diffuse_depth
 
 
 @kernel
@@ -275,7 +284,9 @@ def gather_photons(scene, unit, work, queue):
         ask_for_throughput(paths, ahead)
         ask_for_point(points, ahead)
         ask_for_closures(closures, ahead)
-        if paths.alive[lane] != 0 and may_gather(scene, closures, lane, np.int64(paths.hit_instance[lane])):
+        if paths.alive[lane] == 0 or not _may_go_on(scene.options, paths.diffuse_depth[lane]):
+            continue
+        if may_gather(scene, closures, lane, np.int64(paths.hit_instance[lane])):
             _gather(scene, work, lane)
 
 
@@ -318,8 +329,10 @@ def mark_caustics(scene, unit, work, queue):
                     if is_tried:
                         photons.seen[start] += np.float32(1.0)
         else:
+            was_diffuse = flags & RAY_DIFFUSE != 0 and flags & RAY_REFLECT != 0
+            before = np.int64(paths.diffuse_depth[lane]) - (1 if was_diffuse else 0)
             flags &= ~RAY_GATHERED
-            if may_gather(scene, closures, lane, instance):
+            if _may_go_on(scene.options, before) and may_gather(scene, closures, lane, instance):
                 wo, ng = real_3(points, lane, POINT_WO), real_3(points, lane, POINT_NG)
                 wi = load(paths.direction, lane)
                 pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)

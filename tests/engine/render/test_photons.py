@@ -19,6 +19,7 @@ from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
 from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
+from tests.helpers.photon_renders import assert_same_light
 from tests.helpers.photon_renders import pictures as by_caustics
 
 pytestmark = pytest.mark.estimator
@@ -250,3 +251,14 @@ def test_denoised_pictures_have_the_same_light_with_noise_of_their_own_in_each_p
     plain, denoised = noisy(False), noisy(True)
     assert abs(z_of_means(plain, denoised)) < 4.0
     assert likeness(denoised) < 0.05 < likeness(plain)
+
+
+def test_photons_keep_to_the_limit_of_diffuse_bounces() -> None:
+    """With 0 no path goes on from the floor; so there are no caustics either, as in Cycles."""
+    found, expected = (
+        [by_caustics(water_scene(), name, range(4), samples=64, diffuse_bounces=bounces) for bounces in (0, 1)]
+        for name in ("PHOTONS", "PATHS")
+    )
+    # The camera sees the lamp in the water.
+    assert np.median(found[0]) == np.median(expected[0]) == 0.0 < np.median(expected[1])
+    assert_same_light(found[1], expected[1], 0.02)
