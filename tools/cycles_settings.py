@@ -154,7 +154,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
             *_rows("works", "shadow_terminator_geometry_offset shadow_terminator_offset"),
             *_rows("works", "use_camera_cull use_distance_cull"),
             *_rows("works", "ao_distance"),
-            *_rows("no", "is_caustics_caster is_caustics_receiver", "caustics are found by paths"),
+            *_rows("works", "is_caustics_caster is_caustics_receiver"),
         ),
     ),
     (
@@ -162,7 +162,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         (
             *_rows("works", "max_bounces use_multiple_importance_sampling"),
             *_rows("works", "is_portal"),
-            *_rows("said", "is_caustics_light"),
+            *_rows("works", "is_caustics_light"),
         ),
     ),
     (
@@ -178,7 +178,7 @@ PANELS: tuple[tuple[str, str, tuple[Row, ...]], ...] = (
         "World", "world.cycles",
         (
             *_rows("works", "sampling_method sample_map_resolution max_bounces"),
-            *_rows("said", "is_caustics_light"),
+            *_rows("works", "is_caustics_light"),
             *_rows("works", "use_shadows", is_newer=True),
             *_rows("no need", "volume_sampling", _SAMPLING),
             *_rows("no need", "volume_interpolation", "a world has no voxels"),
