@@ -60,7 +60,7 @@ def build_casters(
     CasterArrays
         Without triangles where there is no such surface.
     """
-    is_sharp = np.array(programs, np.uint8)
+    is_sharp, is_refractive = np.array(programs, np.uint8), np.array(refracts, bool)
     table, meshes = geometry.instance_table, geometry.mesh_table
     if not is_sharp.any() or not len(table):
         return no_casters(lights)
@@ -90,7 +90,7 @@ def build_casters(
         if not sharp.any():
             continue
         first_row[instance] = sum(len(row) for row in rows)
-        if np.array(refracts, bool)[material].any():
+        if is_refractive[material].any():
             through.append(int(instance))
         rows.append(np.full(count, instance, np.int32))
         triangles.append(np.arange(first, first + count, dtype=np.int32))

@@ -59,8 +59,9 @@ MOST_PIXELS = 6.0
 MOST_PIXELS_DENOISED, ONE_IN_DENOISED = 0.5, 32
 #: Maps that are kept: tiles are not all at the same sample.
 _KEPT = 3
+
 #: Sends off photons, which begin as a map without any says: from the first, so many; what arrives is float32
-#: (F, PHOTON_WIDTH), or None: it was stopped.
+#: (F, `photon_width`), or None: it was stopped.
 SendOff = Callable[[PhotonMap, int, int], Float32Array | None]
 #: By a map without photons: radius of a pixel where it gathers photons [m], 0: nowhere, and how often paths that had
 #: gathered some have left each side of the casters' pieces; None: it was stopped.
@@ -194,7 +195,8 @@ class PhotonMaps:
         return _Growing(number, first, count, self._best_radius * shrunk, shrunk)
 
     def _made(self, number: int, send_off: SendOff) -> PhotonMap | None:
-        begins = self._begins if number > 0 and self._begins is not None else self._first_begins
+        begins = self._begins if number > 0 else self._first_begins
+        assert begins is not None
         with self._changed:
             growing = self._maps.get(number)
             if growing is None:

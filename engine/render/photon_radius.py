@@ -36,6 +36,22 @@ _NEARER, _QUANTILE = 0.25, -0.6745
 _LARGE = 0.05
 
 
+def squared_distances(photons: Float32Array, neighbours: int, asked_count: int, one_in: int = 1) -> FloatArray:
+    """From some photons to the last of so many neighbours: float64 [m^2].
+
+    Parameters
+    ----------
+    photons : float32 (P, PHOTON_WIDTH or more)
+    neighbours : int, below the number of those that are looked at
+    asked_count : int, about
+    one_in : int
+        Of all photons one in so many is looked at.
+    """
+    places = photons[:, PHOTON_P : PHOTON_P + 3].astype(np.float64)
+    asked, among = places[:: max(len(places) // asked_count, 1)], places[::one_in]
+    return np.array([np.partition(((among - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked])
+
+
 def radius_of_neighbours(photons: Float32Array, neighbours: int, caster_area: float) -> float:
     """Radius of a disc that holds so many neighbours where a quarter of the photons lie more densely [m].
 
@@ -51,15 +67,13 @@ def radius_of_neighbours(photons: Float32Array, neighbours: int, caster_area: fl
     neighbours = min(neighbours, len(photons) - 1)
     if neighbours < 1:
         return _LARGE * math.sqrt(caster_area)
-    places = photons[:, PHOTON_P : PHOTON_P + 3].astype(np.float64)
     # Of all photons one in so many, which lie that much less densely.
     one_in = max(neighbours // _LEAST_NEIGHBOURS, 1)
-    among, neighbours = places[::one_in], neighbours // one_in
-    asked = places[:: max(len(places) // _ASKED_FOR_NEIGHBOURS, 1)]
-    distances = [np.partition(((among - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked]
+    neighbours //= one_in
+    squared = squared_distances(photons, neighbours, _ASKED_FOR_NEIGHBOURS, one_in)
     # That quantile of the gamma distribution, over its mean (Wilson and Hilferty 1931).
     chance = (1.0 - 1.0 / (9.0 * neighbours) + _QUANTILE / (3.0 * math.sqrt(neighbours))) ** 3
-    radius = math.sqrt(float(np.quantile(distances, _NEARER)) / chance)
+    radius = math.sqrt(float(np.quantile(squared, _NEARER)) / chance)
     return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from engine.array_types import Float32Array, FloatArray
 from engine.kernels.hash_grid import sort_into_buckets
+from engine.render.photon_radius import squared_distances
 from engine.state.photons import (
     IS_WITHIN,
     MAP_MARKS,
@@ -25,7 +26,6 @@ from engine.state.photons import (
     MAP_TUBE_SCALE,
     MARKS_AT_FIRST,
     PHOTON_IS_WITHIN,
-    PHOTON_P,
     PHOTON_POWER,
     PHOTON_SCATTERING,
     PHOTON_START,
@@ -138,8 +138,6 @@ def _radius_of_neighbours(marks: Float32Array) -> float:
     neighbours = min(_FIRST_NEIGHBOURS, len(marks) - 1)
     if neighbours < 1:
         return math.inf
-    places = marks[:, PHOTON_P : PHOTON_P + 3].astype(np.float64)
-    asked = places[:: max(len(places) // _ASKED, 1)]
-    squared = [np.partition(((places - place) ** 2).sum(axis=1), neighbours)[neighbours] for place in asked]
+    squared = squared_distances(marks, neighbours, _ASKED)
     # By the volume of a ball about each.
     return math.sqrt(float(np.median(squared))) * (4.0 / 3.0 / TUBE_LENGTH) ** (1.0 / 3.0)

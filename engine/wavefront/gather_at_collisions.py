@@ -19,6 +19,7 @@ from engine.kernels.caustics import expected_photons
 from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.collision import set_lobes
 from engine.kernels.constants import INFINITY
+from engine.kernels.gathered_photons import is_of_path, note_found
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.media import emitted_length, length_in_media, sum_coefficients, transmittance, weigh_channels
 from engine.kernels.path import real_3
@@ -31,14 +32,12 @@ from engine.runtime.jit import kernel
 from engine.state.lanes import POINT_INSTANCE, POINT_WO, RAY_GATHERED, RAY_VOLUME
 from engine.state.media import CHANNEL_WEIGHT, EXTINCTION, SCATTERING
 from engine.state.photons import (
-    BOUNCE_LIMIT,
     MAP_IS_TRIED,
     MAP_RADIUS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_INVERSE_CELL,
     MAP_TUBE_RADIUS,
     MAP_TUBE_SCALE,
-    PHOTON_BOUNCES,
     PHOTON_DENSITY,
     PHOTON_GROUP,
     PHOTON_MEDIUM,
@@ -50,18 +49,6 @@ from engine.state.photons import (
 )
 
 _SUBSET_SEED = np.uint32(0x1B56C4E9)
-
-
-@kernel
-def _is_of_path(options, paths, lane, photons, row):
-    """Whether limits let a path that collides go on over as many surfaces as a photon has come by."""
-    bounces = np.int64(photons[row, PHOTON_BOUNCES])
-    glossy, passed = bounces % BOUNCE_LIMIT, bounces // BOUNCE_LIMIT
-    return (
-        paths.depth[lane] + 1 + glossy + passed <= options.max_depth
-        and paths.glossy_depth[lane] + glossy <= options.max_glossy_depth
-        and paths.transmission_depth[lane] + passed <= options.max_transmission_depth
-    )
 
 
 @kernel
@@ -142,7 +129,7 @@ def _gather(scene, work, lane, t, length, share, splits):
     grid, closures, paths, media = scene.photons, work.closures, work.paths, work.media
     photons, numbers, f_cos, sums = grid.within, grid.numbers, work.f_cos, work.media.coefficients
     radius, inverse_cell = numbers[MAP_TUBE_RADIUS], numbers[MAP_TUBE_INVERSE_CELL]
-    squared, is_tried, pixel = radius * radius, grid.header[MAP_IS_TRIED] != 0, paths.pixel[lane]
+    squared, is_tried = radius * radius, grid.header[MAP_IS_TRIED] != 0
     half = np.float32(0.5 * TUBE_LENGTH) * radius
     direction = load(paths.direction, lane)
     p, wo = add(load(paths.origin, lane), scale(direction, t)), negate(direction)
@@ -175,7 +162,7 @@ def _gather(scene, work, lane, t, length, share, splits):
             if cell_of(q, inverse_cell) != (x, y, z):
                 # Another cell that shares the bucket.
                 continue
-            if photons[row, PHOTON_MEDIUM] != medium or not _is_of_path(scene.options, paths, lane, photons, row):
+            if photons[row, PHOTON_MEDIUM] != medium or not is_of_path(scene.options, paths, lane, photons, row):
                 continue
             if not has_lobes:
                 set_lobes(scene, closures, media, lane)
@@ -196,11 +183,8 @@ def _gather(scene, work, lane, t, length, share, splits):
             value1 = factor * _carried(paths, sums, lane, 1, at) * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
             value2 = factor * _carried(paths, sums, lane, 2, at) * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
             if is_tried:
-                whole, tried = alone / factor * np.float32(1.0 / 3.0), work.photons.tried
-                tried[pixel, 0] += whole * (value0 + value1 + value2)
-                tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (
-                    value0 * value0 + value1 * value1 + value2 * value2
-                )
+                f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
+                note_found(scene, work, lane, alone / factor, expected)
             if splits:
                 f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
                 _add(scene.options, work, lane, np.int64(photons[row, PHOTON_GROUP]))

@@ -15,6 +15,7 @@ from engine.kernels.bsdf.evaluate import EVERY_KIND
 from engine.kernels.caster_pieces import start_at
 from engine.kernels.caustics import LEAST_COSINE, expected_photons, may_gather, ratio_at, sends_photons_on
 from engine.kernels.clamping import clamped_share, found_alone
+from engine.kernels.gathered_photons import is_of_path, note_found
 from engine.kernels.hash_grid import bucket_of, cell_of
 from engine.kernels.path import real_3
 from engine.kernels.photon_motion import density_of_start, growth_at, resting_place
@@ -22,7 +23,6 @@ from engine.kernels.photon_windows import part_of_time, power_of_channel, window
 from engine.kernels.prefetch import ask_for_closures, ask_for_point, ask_for_ray, ask_for_throughput, lane_ahead
 from engine.kernels.radiance import add_radiance
 from engine.kernels.rng import hash_combine
-from engine.kernels.spectrum import to_rgb
 from engine.kernels.vector import dot, load
 from engine.runtime.jit import kernel
 from engine.state.lanes import (
@@ -40,7 +40,6 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.photons import (
-    BOUNCE_LIMIT,
     GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_HALF_TIME,
@@ -51,7 +50,6 @@ from engine.state.photons import (
     MAP_PIXELS,
     MAP_RADIUS,
     MAP_SCALE,
-    PHOTON_BOUNCES,
     PHOTON_DENSITY,
     PHOTON_GROUP,
     PHOTON_MOVES,
@@ -65,18 +63,6 @@ from engine.wavefront.disc_tries import FLATNESS, SAME_SURFACE, tries_in_disc
 
 _SUBSET_SEED = np.uint32(0x3C6EF372)
 _DISC_SEED = np.uint32(0x5BD1E995)
-
-
-@kernel
-def _is_of_path(options, paths, lane, photons, row):
-    """Whether limits let a path go on over as many surfaces as a photon has come by."""
-    bounces = np.int64(photons[row, PHOTON_BOUNCES])
-    glossy, passed = bounces % BOUNCE_LIMIT, bounces // BOUNCE_LIMIT
-    return (
-        paths.depth[lane] + 1 + glossy + passed <= options.max_depth
-        and paths.glossy_depth[lane] + glossy <= options.max_glossy_depth
-        and paths.transmission_depth[lane] + passed <= options.max_transmission_depth
-    )
 
 
 @kernel
@@ -148,16 +134,6 @@ def _powers(grid, paths, lane, row):
 
 
 @kernel
-def _note_found(scene, work, lane, over, expected):
-    """Tell a trial of a photon whose light is in row `lane` of `work.f_cos`; all of it is `over` times that."""
-    tried, pixel = work.photons.tried, work.paths.pixel[lane]
-    r, g, b = to_rgb(scene.spectrum, work.paths, lane, work.f_cos, lane)
-    whole = over * np.float32(1.0 / 3.0)
-    tried[pixel, 0] += whole * (r + g + b)
-    tried[pixel, 1] += np.float32(3.0) * whole * whole * expected * (r * r + g * g + b * b)
-
-
-@kernel
 def _lies_within(grid, row, cell, p, n, radius):
     """Whether a photon is in a cell, and within the disc of a place on a surface with that normal."""
     places, photons = grid.places, grid.photons
@@ -213,7 +189,7 @@ def _gather(scene, work, lane):
             weight, power = _weight_of_time(grid, time, mover, part, row), _powers(grid, paths, lane, row)
             if not weight * (power[0] + power[1] + power[2] + power[3]) > 0.0:
                 continue
-            if not _is_of_path(scene.options, paths, lane, photons, row):
+            if not is_of_path(scene.options, paths, lane, photons, row):
                 continue
             wi = (photons[row, PHOTON_WI], photons[row, PHOTON_WI + 1], photons[row, PHOTON_WI + 2])
             pdf = eval_bsdf(closures, scene.tables, lane, wo, wi, ng, EVERY_KIND, f_cos, lane)
@@ -236,7 +212,7 @@ def _gather(scene, work, lane):
                 f_cos[lane, 3] = value3
             if is_tried:
                 f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
-                _note_found(scene, work, lane, alone / factor, expected)
+                note_found(scene, work, lane, alone / factor, expected)
             if splits:
                 if paths.depth[lane] == 0:
                     passes = work.passes

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from engine.kernels.hash_grid import bucket_of
-from engine.render import photon_radius
 from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
 from engine.render.photon_radius import MOST_NEIGHBOURS
 from engine.render.photon_trial import gain_of_photons, tried_pixels
@@ -100,30 +99,21 @@ def test_lamps_without_a_size_are_mirrored_too() -> None:
     np.testing.assert_allclose(found.mean(axis=(0, 2)), expected.mean(axis=(0, 2)), rtol=0.05)
 
 
-@pytest.fixture
-def small_discs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Discs that blur less than such small pictures can show."""
-    monkeypatch.setattr(photon_radius, "MOST_NEIGHBOURS", 3)
-
-
-@pytest.mark.usefixtures("small_discs")
 @pytest.mark.parametrize("roughness", [0.0, 0.1, 0.3])
 def test_water_is_as_bright_as_by_paths(roughness: float) -> None:
     """Light is squeezed below water: factors that paths leave out photons must leave out too."""
     by_photons, by_paths = (
-        pictures(water_scene(4.0, roughness), range(4), samples=256, caustics=caustics)
-        for caustics in ("PHOTONS", "PATHS")
+        by_caustics(water_scene(4.0, roughness), caustics, range(4)) for caustics in ("PHOTONS", "PATHS")
     )
     assert abs(z_of_means(by_photons, by_paths)) < 4.0
     assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.02)
 
 
-@pytest.mark.usefixtures("small_discs")
 @pytest.mark.parametrize("learned", [{"guiding_method": "VMM"}, {"radiance_cache": "CONVERGING"}])
 def test_what_is_learned_changes_no_mean(learned: dict[str, str]) -> None:
     scene = water_scene()
-    guided = pictures(scene, range(2), samples=128, **learned)
-    assert guided.mean() == pytest.approx(pictures(scene, range(2), samples=256, caustics="PATHS").mean(), rel=0.02)
+    guided = by_caustics(scene, "PHOTONS", range(2), samples=128, **learned)
+    assert guided.mean() == pytest.approx(by_caustics(scene, "PATHS", range(2)).mean(), rel=0.02)
 
 
 @pytest.mark.parametrize("roughness", [0.1, 0.3])
