@@ -12,6 +12,7 @@ from engine.array_types import Float32Array, Int32Array, Int64Array, Uint32Array
 from engine.builder.grids import build_grids
 from engine.builder.motion import MOST_KEYS
 from engine.builder.rounds import SHAPES, lay_radii
+from engine.builder.solids import mark_solids
 from engine.scene.attribute_names import UNDEFORMED
 from engine.scene.description import Mesh, Notice
 from engine.state import geometry as layout
@@ -215,6 +216,7 @@ def build_shapes(
     transforms = [None if placement is None else placement.transform for placement in placements]
     step_counts = [0 if steps is None else len(steps) for steps in steps_of]
     radii, mesh_table[: len(meshes), layout.MESH_FIRST_RADIUS] = lay_radii(meshes, transforms, step_counts, notices)
+    mark_solids(mesh_table, vertices, triangles)
     return Shapes(
         vertices=vertices,
         triangles=triangles,

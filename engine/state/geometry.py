@@ -71,7 +71,9 @@ MESH_SHAPE = 9
 MESH_FIRST_RADIUS = 10
 #: How finely Embree follows curves.
 MESH_SUBDIVISIONS = 11
-MESH_WIDTH = 12
+#: Whether it encloses a space (`engine.builder.solids`).
+MESH_SOLID = 12
+MESH_WIDTH = 13
 
 # A row of `triangles` names the corners of a triangle. A segment of a curve names the vertices (keys) that it goes
 # between, and the first of its curve; so points are weighed as a triangle's are, with a v of 0. A sphere names its

@@ -33,7 +33,13 @@ from engine.kernels.rng import hash_combine
 from engine.kernels.rounds import shape_at
 from engine.kernels.vector import dot, load, store, subtract
 from engine.runtime.jit import kernel
-from engine.state.geometry import INSTANCE_FLAG_HOLDOUT, INSTANCE_FLAGS, SHAPE_TRIANGLES
+from engine.state.geometry import (
+    INSTANCE_FLAG_HOLDOUT,
+    INSTANCE_FLAGS,
+    INSTANCE_MESH,
+    MESH_SOLID,
+    SHAPE_TRIANGLES,
+)
 from engine.state.group_parts import PARTS_MEASURED, SPLITS_MEASURED
 from engine.state.lanes import (
     CACHE_VERTEX_BEFORE,
@@ -89,14 +95,17 @@ def is_cached_surface(scene, instance, program):
 
 @kernel
 def surface_kind(scene, points, lane):
-    """What cells tell the surface that a lane has hit from others by: its shader, its side, and the lamps that may
-    light it.
+    """What cells tell the surface that a lane has hit from others by: its shader, whether it is met from within what it
+    encloses, and the lamps that may light it.
 
     Of a slab the inside faces the way that the outside across it does, and lies in one cell with that where the slab is
-    thinner. But paths meet the inside at the back of its faces.
+    thinner. What encloses nothing, as a lamp's shade, is open to both sides: they share cells, which know more then.
     """
-    tree = tree_of_receiver(scene.lights, points.integer[lane, POINT_INSTANCE])
-    side = np.int64(points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0)
+    instance = np.int64(points.integer[lane, POINT_INSTANCE])
+    tree = tree_of_receiver(scene.lights, instance)
+    side = np.int64(0)
+    if points.integer[lane, POINT_FLAGS] & POINT_FLAG_BACKFACING != 0:
+        side = np.int64(scene.geometry.mesh_table[scene.geometry.instance_table[instance, INSTANCE_MESH], MESH_SOLID])
     return np.int64(points.integer[lane, POINT_PROGRAM]) + (side << _PROGRAM_BITS) + (tree << _SIDE_BITS)
 
 
