@@ -20,14 +20,14 @@ import numpy as np
 from engine.array_types import Float32Array
 from engine.kernels.hash_grid import sort_into_buckets
 from engine.kernels.photon_windows import parts_of_times
-from engine.render.photon_radius import best_radius, radius_of_neighbours
+from engine.render.photon_radius import best_radius, neighbours_within, radius_of_neighbours
 from engine.render.photon_starts import Starts
 from engine.render.photon_windows import Windows, share_of_photons
 from engine.render.photons_within import PhotonsWithin, part_marks
 from engine.state.photons import (
-    GATHERED_ONE_IN,
     MAP_BUCKETS,
     MAP_EXPECTED,
+    MAP_GATHERED_ONE_IN,
     MAP_HALF_TIME,
     MAP_HALF_WAVES,
     MAP_INVERSE_CELL,
@@ -51,12 +51,21 @@ _FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 CHUNK = 4096
 #: Samples of a pixel that go by one map, at most.
 _MOST_SAMPLES = 16
+#: As tasks grow, by an eighth of the samples so far: a task goes by one map.
+_MOST_DIVISIONS = 8
 #: Photons within the radius of the first map.
 _FIRST_NEIGHBOURS = 16
 #: Radii are at most this many times a pixel's: where few photons arrive, paths find what they lack.
 MOST_PIXELS = 6.0
-#: And where the picture is denoised, so that noise of pixels is another one in each; what they gather then, MAP_ONE_IN.
-MOST_PIXELS_DENOISED, ONE_IN_DENOISED = 0.5, 32
+#: At first they are at least this: a smaller disc sharpens nothing that a pixel's filter would not blur.
+LEAST_PIXELS = 0.5
+#: And where the picture is denoised, so that noise of pixels is another one in each.
+MOST_PIXELS_DENOISED = 0.5
+#: MAP_ONE_IN then: for samples before this one, whose few maps a denoiser would take for patterns, and later.
+ONE_IN_EARLY, ONE_IN_LATER, EARLY_SAMPLES = 32, 8, 16
+#: MAP_GATHERED_ONE_IN, at most, and how many photons a path is to gather in a disc.
+MOST_ONE_IN = 8
+_GATHERED = 8.0
 #: Maps that are kept: tiles are not all at the same sample.
 _KEPT = 3
 
@@ -72,21 +81,44 @@ TryOut = Callable[[PhotonMap], float | None]
 NO_PHOTONS = no_photons()
 
 
-def samples_of_map(number: int) -> tuple[int, int]:
-    """First sample of a map, and how many go by it."""
-    doublings = int(math.log2(_MOST_SAMPLES)) + 1
+def _maps_of_octave(octave: int, divisions: int) -> int:
+    """Maps that samples 2^octave to 2^(octave + 1) go by."""
+    samples = 1 << octave
+    return min(max(divisions, samples // _MOST_SAMPLES), samples)
+
+
+def samples_of_map(number: int, divisions: int = 1) -> tuple[int, int]:
+    """First sample of a map, and how many go by it.
+
+    Parameters
+    ----------
+    number : int
+    divisions : int
+        Maps that twice the samples so far go by, at least: a power of two.
+    """
     if number == 0:
         return 0, 1
-    if number <= doublings:
-        return 1 << (number - 1), 1 << (number - 1)
-    return _MOST_SAMPLES * (number - doublings + 1), _MOST_SAMPLES
+    number, octave = number - 1, 0
+    while number >= _maps_of_octave(octave, divisions):
+        number -= _maps_of_octave(octave, divisions)
+        octave += 1
+    count = (1 << octave) // _maps_of_octave(octave, divisions)
+    return (1 << octave) + number * count, count
 
 
-def map_of_sample(sample: int) -> int:
-    """Which map a sample goes by."""
-    if sample < 2 * _MOST_SAMPLES:
-        return sample.bit_length()
-    return sample // _MOST_SAMPLES + int(math.log2(_MOST_SAMPLES))
+def map_of_sample(sample: int, divisions: int = 1) -> int:
+    """Which map a sample goes by; `divisions` as of `samples_of_map`."""
+    if sample == 0:
+        return 0
+    last = sample.bit_length() - 1
+    before = 1 + sum(_maps_of_octave(octave, divisions) for octave in range(last))
+    return before + ((sample - (1 << last)) * _maps_of_octave(last, divisions) >> last)
+
+
+def divisions_of(pixel_count: int) -> int:
+    """`divisions` of a picture: one too large for a photon a path in the largest map has more maps."""
+    lacking = _PHOTONS_PER_PATH * pixel_count * _MOST_SAMPLES / _MOST
+    return min(1 << max(math.ceil(math.log2(max(lacking, 1.0))), 0), _MOST_DIVISIONS)
 
 
 @dataclass
@@ -133,6 +165,7 @@ class PhotonMaps:
     ) -> None:
         self._windows = windows
         self._pixel_count, self._casters, self._is_tried = pixel_count, casters, is_tried
+        self._divisions = divisions_of(pixel_count)
         self._is_denoised = is_denoised
         self._starts = Starts(casters)
         #: Say with what densities photons begin: those of the first map, before anything is known all over the casters,
@@ -145,6 +178,8 @@ class PhotonMaps:
         self._maps: dict[int, _Growing] = {}
         #: Of the second map, from which on radii shrink [m].
         self._best_radius: float | None = None
+        #: Photons of that map in one of its discs.
+        self._neighbours = 0.0
         self._within = PhotonsWithin()
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
@@ -177,10 +212,10 @@ class PhotonMaps:
                 return NO_PHOTONS
         if sample > 0 and self._best_radius is None and self._made(1, send_off) is None:
             return None
-        return self._made(map_of_sample(sample), send_off)
+        return self._made(map_of_sample(sample, self._divisions), send_off)
 
     def _photons_of(self, number: int) -> int:
-        _, samples = samples_of_map(number)
+        _, samples = samples_of_map(number, self._divisions)
         most = _MOST if number > 0 else _MOST_AT_FIRST
         return int(min(max(_PHOTONS_PER_PATH * self._pixel_count * samples, _FEWEST), most))
 
@@ -232,11 +267,13 @@ class PhotonMaps:
             radius = self._first_radius(radius_of_neighbours(photons, _FIRST_NEIGHBOURS, area))
         elif growing.number == 1:
             self._best_radius = radius = self._first_radius(best_radius(photons, area))
+            self._neighbours = neighbours_within(photons, radius, area)
         assert radius is not None
-        half_time = self._windows.half_time(radius / growing.shrunk, growing.shrunk)
-        half_waves = self._windows.half_waves(growing.shrunk)
         made = make_map(
-            photons, growing.count, radius, begins, half_time, half_waves, is_denoised=self._is_denoised
+            photons, growing.count, radius, begins,
+            self._windows.half_time(radius / growing.shrunk, growing.shrunk), self._windows.half_waves(growing.shrunk),
+            most_pixels=MOST_PIXELS_DENOISED if self._is_denoised else MOST_PIXELS,
+            pixels_one_in=self._pixels_one_in(growing), one_in=self._one_in(growing),
         )
         if growing.number > 0:
             return self._within.add_to(made, marks, growing.count, growing.first + growing.count)
@@ -248,8 +285,22 @@ class PhotonMaps:
             self._begins = self._within.ready(begins)
         return made
 
+    def _one_in(self, growing: _Growing) -> int:
+        """MAP_GATHERED_ONE_IN of a map: discs with few photons are gathered whole."""
+        if growing.number == 0:
+            return MOST_ONE_IN
+        expected = self._neighbours * growing.count / self._photons_of(1) * growing.shrunk**2
+        return int(min(max(expected / _GATHERED, 1.0), MOST_ONE_IN))
+
+    def _pixels_one_in(self, growing: _Growing) -> int:
+        if not self._is_denoised:
+            return 0
+        first, _ = samples_of_map(growing.number, self._divisions)
+        return ONE_IN_EARLY if first < EARLY_SAMPLES else ONE_IN_LATER
+
     def _first_radius(self, radius: float) -> float:
-        return self._at_most(self._windows.first_radius(radius))
+        least = LEAST_PIXELS * (self._pixel_radius or 0.0)
+        return self._at_most(self._windows.first_radius(max(radius, least)))
 
     def _at_most(self, radius: float) -> float:
         return min(radius, MOST_PIXELS * self._pixel_radius) if self._pixel_radius else radius
@@ -257,7 +308,7 @@ class PhotonMaps:
 
 def make_map(
     photons: Float32Array, emitted: int, radius: float, begins: PhotonMap, half_time: float = 0.0,
-    half_waves: float = 0.0, *, is_denoised: bool = False,
+    half_waves: float = 0.0, *, most_pixels: float = MOST_PIXELS, pixels_one_in: int = 0, one_in: int = MOST_ONE_IN,
 ) -> PhotonMap:
     """Photons sorted into a grid.
 
@@ -268,19 +319,18 @@ def make_map(
     radius : float [m]
     begins : PhotonMap, one without photons that says how these began
     half_time, half_waves : float, MAP_HALF_TIME and MAP_HALF_WAVES
-    is_denoised : bool
-        Whether the picture will be.
+    most_pixels : float, pixels_one_in, one_in : int, MAP_PIXELS, MAP_ONE_IN and MAP_GATHERED_ONE_IN
     """
     buckets = 1 << max(len(photons) // 2, 1).bit_length()
     numbers = np.zeros(MAP_NUMBERS, np.float32)
     disc = math.pi * radius * radius
     numbers[MAP_RADIUS], numbers[MAP_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
     numbers[MAP_HALF_TIME], numbers[MAP_HALF_WAVES] = half_time, half_waves
-    numbers[MAP_EXPECTED] = emitted * disc * share_of_photons(half_time, half_waves) / GATHERED_ONE_IN
+    numbers[MAP_EXPECTED] = emitted * disc * share_of_photons(half_time, half_waves) / one_in
     numbers[MAP_SCALE] = 1.0 / numbers[MAP_EXPECTED]
-    numbers[MAP_PIXELS] = MOST_PIXELS_DENOISED if is_denoised else MOST_PIXELS
+    numbers[MAP_PIXELS] = most_pixels
     header = begins.header.copy()
-    header[MAP_BUCKETS], header[MAP_ONE_IN] = buckets, ONE_IN_DENOISED if is_denoised else 0
+    header[MAP_BUCKETS], header[MAP_ONE_IN], header[MAP_GATHERED_ONE_IN] = buckets, pixels_one_in, one_in
     starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(photons), np.int32)
     parts = np.zeros(len(photons), np.int64)
     if half_time > 0.0:

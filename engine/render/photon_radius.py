@@ -77,6 +77,12 @@ def radius_of_neighbours(photons: Float32Array, neighbours: int, caster_area: fl
     return radius if radius > 0.0 else _LARGE * math.sqrt(caster_area)
 
 
+def neighbours_within(photons: Float32Array, radius: float, caster_area: float) -> float:
+    """Photons within a disc of that radius [m] where a quarter of them lie more densely (`radius_of_neighbours`)."""
+    neighbours = min(MOST_NEIGHBOURS, len(photons) - 1)
+    return max(neighbours, 0) * (radius / radius_of_neighbours(photons, neighbours, caster_area)) ** 2
+
+
 @kernel
 def _look_at_discs(asked, places, power, squared, smaller_squared, found):
     """Add up what photons bring within two discs about each of some places.

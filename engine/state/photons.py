@@ -42,10 +42,6 @@ IS_WITHIN = np.float32(2.0)
 #: See PHOTON_BOUNCES. Blender's limits are 1024.
 BOUNCE_LIMIT = 2048
 
-#: Of the photons in a map's disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a
-#: pixel, go by others, so that noise has no blotches. In smaller discs it gathers a larger part.
-GATHERED_ONE_IN = 8
-
 # PhotonMap.header
 MAP_BUCKETS = 0  # a power of two
 MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
@@ -54,7 +50,10 @@ MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
 MAP_ONE_IN = 2
 MAP_TUBE_BUCKETS = 3  # of the marks within media
 MAP_MARKS = 4  # that a photon draws on each of its segments within media
-MAP_HEADER_WIDTH = 5
+#: Of the photons in a map's disc each path gathers one in so many, by chance: neighbouring pixels, and samples of a
+#: pixel, go by others, so that noise has no blotches. In smaller discs it gathers a larger part.
+MAP_GATHERED_ONE_IN = 5
+MAP_HEADER_WIDTH = 6
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map

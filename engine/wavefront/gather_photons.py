@@ -40,8 +40,8 @@ from engine.state.lanes import (
     RGB,
 )
 from engine.state.photons import (
-    GATHERED_ONE_IN,
     MAP_BUCKETS,
+    MAP_GATHERED_ONE_IN,
     MAP_HALF_TIME,
     MAP_HALF_WAVES,
     MAP_INVERSE_CELL,
@@ -95,13 +95,14 @@ def _disc_of(header, numbers, paths, points, lane):
     disc : float32, how many these are, over those that a path gathers within the map's radius
     """
     radius, pixel = numbers[MAP_RADIUS], numbers[MAP_PIXELS] * points.real[lane, POINT_RADIUS]
+    gathered_one_in = header[MAP_GATHERED_ONE_IN]
     if not 0.0 < pixel < radius or paths.diffuse_depth[lane] > 0:
-        return radius, np.int64(GATHERED_ONE_IN), np.float32(1.0)
+        return radius, gathered_one_in, np.float32(1.0)
     area = pixel * pixel / (radius * radius)
     one_in = header[MAP_ONE_IN]
     if one_in == 0:
-        one_in = max(np.int64(np.float32(GATHERED_ONE_IN) * area + np.float32(0.5)), np.int64(1))
-    return pixel, one_in, area * np.float32(GATHERED_ONE_IN) / np.float32(one_in)
+        one_in = max(np.int64(np.float32(gathered_one_in) * area + np.float32(0.5)), np.int64(1))
+    return pixel, one_in, area * np.float32(gathered_one_in) / np.float32(one_in)
 
 
 @kernel

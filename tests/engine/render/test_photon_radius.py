@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from engine.array_types import Float32Array, FloatArray
-from engine.render.photon_radius import BIAS_COUNTS, MOST_NEIGHBOURS, best_radius, radius_of_neighbours
+from engine.render.photon_radius import (
+    BIAS_COUNTS,
+    MOST_NEIGHBOURS,
+    best_radius,
+    neighbours_within,
+    radius_of_neighbours,
+)
 from engine.state.photons import PHOTON_P, PHOTON_POWER, PHOTON_WIDTH
 
 
@@ -24,6 +30,13 @@ def test_neighbours_lie_within_the_radius() -> None:
     for neighbours in (8, 16, 64):
         radius = radius_of_neighbours(photons, neighbours, 1.0)
         assert 20_000 * np.pi * radius**2 == pytest.approx(neighbours, rel=0.15)
+
+
+def test_so_many_photons_lie_within_a_radius() -> None:
+    photons = photons_at(np.random.default_rng(1).random((20_000, 2)))
+    for radius in (0.01, 0.04):
+        assert neighbours_within(photons, radius, 1.0) == pytest.approx(20_000 * np.pi * radius**2, rel=0.15)
+    assert neighbours_within(photons[:1], 0.1, 1.0) == 0.0
 
 
 @pytest.mark.parametrize("few", [0, 1])

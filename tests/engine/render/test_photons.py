@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from engine.kernels.hash_grid import bucket_of
-from engine.render.photon_maps import make_map, map_of_sample, samples_of_map
+from engine.render.photon_maps import divisions_of, make_map, map_of_sample, samples_of_map
 from engine.render.photon_radius import MOST_NEIGHBOURS
 from engine.render.photon_trial import gain_of_photons, tried_pixels
 from engine.render.session import Session
@@ -44,11 +44,19 @@ def z_of_means(a, b):
     return (means[0].mean() - means[1].mean()) / error
 
 
-def test_each_sample_has_one_map() -> None:
-    found = [map_of_sample(sample) for sample in range(200)]
-    expected = [number for number in range(20) for _ in range(samples_of_map(number)[1])][:200]
+@pytest.mark.parametrize("divisions", [1, 2, 8])
+def test_each_sample_has_one_map(divisions: int) -> None:
+    found = [map_of_sample(sample, divisions) for sample in range(600)]
+    expected = [number for number in range(80) for _ in range(samples_of_map(number, divisions)[1])][:600]
     assert found == expected
+    assert max(samples_of_map(number, divisions)[1] for number in range(80)) == 16
+
+
+def test_large_pictures_have_more_maps() -> None:
     assert [samples_of_map(number)[0] for number in range(8)] == [0, 1, 2, 4, 8, 16, 32, 48]
+    assert [samples_of_map(number, 2)[0] for number in range(9)] == [0, 1, 2, 3, 4, 6, 8, 12, 16]
+    sides = (320, 480, 640, 960, 1920, 8192)
+    assert [divisions_of(side * side * 9 // 16) for side in sides] == [1, 1, 2, 4, 8, 8]
 
 
 def test_a_map_holds_each_photon_once_in_the_bucket_of_its_cell() -> None:
