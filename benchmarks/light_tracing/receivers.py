@@ -22,7 +22,7 @@ from engine.state.lanes import (
     POINT_RAY_LENGTH,
     RAY_CAMERA,
 )
-from engine.state.shaders import MODE_CLOSURES
+from engine.state.shaders import MODE_CLOSURES, PROGRAM_FLAGS, PROGRAM_HAS_EMISSION
 
 #: Lobes that are all narrower than this [alpha] show single directions, as mirrors do.
 LEAST_ALPHA = np.float32(0.05)
@@ -85,7 +85,7 @@ def _hides(emitters, origin, direction, far):
 
 @kernel
 def look(scene, lanes, emitters, film_x, film_y):
-    """Whether the camera sees a receiver, and no lamp before it, at a place of the film [pixels]."""
+    """Whether the camera sees a receiver that does not glow, and no lamp before it, at a place of the film [pixels]."""
     origin, direction, near, far, _radius, _spread = generate_ray(
         scene.camera, scene.camera_motion, film_x, film_y, 0.5, 0.5, 0.0
     )
@@ -96,6 +96,9 @@ def look(scene, lanes, emitters, film_x, film_y):
         return False
     hit = read_hit(lanes.ray, lanes.bits, scene.geometry)
     shade(scene, lanes, hit, direction, RAY_CAMERA)
+    program = lanes.points.integer[0, POINT_PROGRAM]
+    if program >= 0 and scene.shaders.programs[program, PROGRAM_FLAGS] & PROGRAM_HAS_EMISSION != 0:
+        return False
     return is_receiver(lanes.closures) and not _hides(emitters, origin, direction, hit[2])
 
 
