@@ -115,10 +115,12 @@ def export_scene(scene: Any) -> LuxScene:
 
     if scene.cycles.pixel_filter_type != "BLACKMAN_HARRIS":
         raise ValueError("the scene's pixel filter is not Blackman-Harris, by which LuxCore is rendered")
+    # It brings matrices up to date.
+    graph = bpy.context.evaluated_depsgraph_get()
     world = export_world(scene.world)
     properties = export_camera(scene) | world.properties
     meshes: dict[str, Mesh] = {}
-    for index, instance in enumerate(bpy.context.evaluated_depsgraph_get().object_instances):
+    for index, instance in enumerate(graph.object_instances):
         item, matrix = instance.object, np.array(instance.matrix_world)
         if item.type == "LIGHT":
             made = export_light(item, matrix, f"l{index}")

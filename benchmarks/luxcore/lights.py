@@ -104,14 +104,14 @@ def _pictured(node: Any, strength: float) -> LuxScene:
         raise ValueError(f"its colour is by {node.bl_label}")
     refuse_links(node)
     image = node.image
-    # What has not been read yet says nothing of itself.
+    # Floats are linear here, whatever the file has; and what has not been read yet says nothing of itself.
     width, height = image.size
     values = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(values)
     if node.projection != "EQUIRECTANGULAR" or node.interpolation != "Linear":
         raise ValueError("its picture is not equirectangular, or not interpolated linearly")
-    if not (image.is_float and image.colorspace_settings.name in ("Linear Rec.709", "Non-Color")):
-        raise ValueError("its picture is not linear")
+    if not image.is_float:
+        raise ValueError("its picture is not of floats")
     mapping = node.texture_mapping
     is_mapped = tuple(mapping.scale) != (1.0, 1.0, 1.0) or any(mapping.rotation) or any(mapping.translation)
     if is_mapped:

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bpy_extras.object_utils import world_to_camera_view
-from mathutils import Vector
 
 from benchmarks.luxcore.camera import export_camera
 from benchmarks.luxcore.export import export_scene
@@ -140,9 +138,14 @@ def test_a_mirrored_mesh_keeps_its_front(floor: Any) -> None:
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize("size", [(40, 24), (24, 40)])
 def test_the_camera_sees_what_blender_s_sees(floor: Any, fit: str, size: tuple[int, int]) -> None:
+    import bpy
+    from bpy_extras.object_utils import world_to_camera_view
+    from mathutils import Vector
+
     studio.resolution(*size)
     data = floor.camera.data
     data.sensor_fit, data.shift_x, data.shift_y, data.sensor_height = fit, 0.1, -0.05, 20.0
+    bpy.context.view_layer.update()
     found = export_camera(floor)
     left, right, low, high = found["scene.camera.screenwindow"]
     origin, target, up = (np.array(found[f"scene.camera.{name}"]) for name in ("lookat.orig", "lookat.target", "up"))
