@@ -126,7 +126,7 @@ def _reference(folder: Path, scene: str) -> Reference:
 
 def compare(
     source: SceneSource, rivals: Sequence[str], seconds: float, seeds: int, *, references: Sequence[Path],
-    luxcore: Path, out: Path, threads: int, pixels: int = 0,
+    luxcore: Path, out: Path, threads: int, pixels: int = 0, first_seed: int = 1,
 ) -> list[list[float | int | str | None]]:  # fmt: skip
     """Rows of the table of a scene, of ours, Cycles' and LuxCore's rivals.
 
@@ -159,8 +159,9 @@ def compare(
 
     others = [find_rival(name) for name in rivals if name not in ENGINES]
     renders, failures = render_scene(
-        source, others, Budget(0, seconds), seeds, out=out, size=size, threads=threads, check=check
-    )
+        source, others, Budget(0, seconds), seeds, out=out, size=size, threads=threads, check=check,
+        first_seed=first_seed,
+    )  # fmt: skip
     if failures:
         raise RuntimeError(f"{failures[0].rival}: {failures[0].message}")
     rows = {
@@ -172,7 +173,7 @@ def compare(
     }  # fmt: skip
     for name in (name for name in rivals if name in ENGINES):
         images, facts = [], []
-        for seed in range(1, seeds + 1):
+        for seed in range(first_seed, first_seed + seeds):
             config = configuration(name, exported, seed, threads, bounces, seconds)
             image, fact = render_luxcore(exported, config, seconds, luxcore)
             write_exr(out / source.name / f"{name}_{seconds:g}s_seed{seed}.exr", image)
@@ -191,6 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rivals", nargs="+", default=rivals, help=f"(default: {' '.join(rivals)})")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each render (default: %(default)g)")
     parser.add_argument("--seeds", type=int, default=3, help="(default: %(default)s)")
+    parser.add_argument("--first-seed", type=int, default=1, help="others for pictures that are to be references")
     parser.add_argument("--threads", type=int, default=0, help="0 = all cores")
     parser.add_argument("--references", type=Path, nargs="*", default=[], help="one folder of NAME.exr, or two")
     parser.add_argument("--pixels", type=int, default=0, help="scale scenes to about so many, without references")
@@ -203,6 +205,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rows += compare(
                 source, chosen.rivals, chosen.seconds, chosen.seeds, references=chosen.references,
                 luxcore=chosen.luxcore, out=chosen.out, threads=chosen.threads, pixels=chosen.pixels,
+                first_seed=chosen.first_seed,
             )  # fmt: skip
     except (ValueError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)

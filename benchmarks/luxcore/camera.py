@@ -43,6 +43,9 @@ def export_camera(scene: Any) -> Properties:
     across, along = render.resolution_x / pixels, render.resolution_y / pixels
     # A shift is a share of the fitted side, which spans two units of the screen.
     right, higher = 2.0 * data.shift_x, 2.0 * data.shift_y
+    # LuxCore's rows begin one too high: it takes the row y from the bottom for height - 1 - y from the top, as whole
+    # numbers would be, and so its pictures lie a pixel too low.
+    higher -= 2.0 * along / render.resolution_y
     return {
         "scene.camera.type": "perspective",
         "scene.camera.lookat.orig": [float(v) for v in origin],
