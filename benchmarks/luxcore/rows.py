@@ -29,7 +29,8 @@ def row(
     references: Sequence[Float32Array],
 ) -> list[float | int | str | None]:  # fmt: skip
     """Medians over the seeds, and the mean of their means, over the references' where there are any."""
-    spent = [scene, rival, len(images), float(np.median(samples)), float(np.median(seconds))]
+    spent: list[float | int | str | None] = [scene, rival, len(images)]
+    spent += [float(np.median(samples)), float(np.median(seconds))]
     if not references:
         mean = np.mean([image[..., :3].mean(dtype=np.float64) for image in images])
         return [*spent, None, None, None, f"{mean:.5g}"]
