@@ -27,7 +27,7 @@ NAME = "light-tracing"
 
 
 def make_reference(
-    source: SceneSource, photons: int, seeds: int, *, out: Path, pixels: int = 0, threads: int = 0
+    source: SceneSource, photons: int, seeds: int, *, out: Path, pixels: int = 0, threads: int = 0, first_seed: int = 1
 ) -> ReferenceFacts:
     """Write `NAME.exr`, NaN where the picture is not known, and `NAME.json`.
 
@@ -49,13 +49,14 @@ def make_reference(
     scene = open_scene(source, pixels)
     tracer = LightTracer(scene, threads or environment.thread_count())
     start = time.perf_counter()
-    images = [tracer.picture(photons, seed) for seed in range(1, seeds + 1)]
+    taken = list(range(first_seed, first_seed + seeds))
+    images = [tracer.picture(photons, seed) for seed in taken]
     seconds = time.perf_counter() - start
     height, width = tracer.known.shape
     error = own_error([image[tracer.known][None] for image in images])
     facts = ReferenceFacts(
         source.name, source.content_hash(), light_paths(scene), width, height, NAME, round(photons / (width * height)),
-        list(range(1, seeds + 1)), error.whole, error.trimmed, seconds, environment.describe(),
+        taken, error.whole, error.trimmed, seconds, environment.describe(),
         datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"), float(tracer.known.mean()),
     )  # fmt: skip
     write_exr(out / f"{source.name}.exr", np.mean(np.stack(images), axis=0, dtype=np.float64).astype(np.float32))
@@ -69,6 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("scenes", nargs="+", help=".blend files, folders of them, or builtin:NAME (patterns allowed)")
     parser.add_argument("--photons", type=float, default=2e7, help="of each seed (default: %(default)g)")
     parser.add_argument("--seeds", type=int, default=4, help="independent pictures (default: %(default)s)")
+    parser.add_argument("--first-seed", type=int, default=1, help="for a second reference, independent of the first")
     parser.add_argument("--pixels", type=int, default=0, help="scale scenes to about so many pixels")
     parser.add_argument("--threads", type=int, default=0, help="0 = all cores")
     parser.add_argument("--out", type=Path, default=Path("out/references"), help="folder (default: %(default)s)")
@@ -83,8 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for source in sources:
         try:
             facts = make_reference(
-                source, int(chosen.photons), chosen.seeds, out=chosen.out, pixels=chosen.pixels, threads=chosen.threads
-            )
+                source, int(chosen.photons), chosen.seeds, out=chosen.out, pixels=chosen.pixels,
+                threads=chosen.threads, first_seed=chosen.first_seed,
+            )  # fmt: skip
         except ValueError as error:
             failures.append(f"{source.name}: {error}")
             continue

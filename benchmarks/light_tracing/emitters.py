@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lamps and a uniform world as what photons leave: tables, and the kernel that draws a photon.
+"""Lamps, glowing meshes and a uniform world as what photons leave: tables, and the kernel that draws a photon.
 
 A sun and the world send photons through a disc that covers the scene's bounding sphere (Jensen 2001, "Realistic Image
 Synthesis Using Photon Mapping", section 5.2).
@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from benchmarks.light_tracing.glowing import glowing_triangles
 from engine.array_types import Float32Array
 from engine.builder.scene import Scene
 from engine.kernels.constants import TWO_PI
@@ -25,16 +26,18 @@ from engine.state.shaders import (
     VALUE_EMISSION,
 )
 
-SUN, POINT, AREA, WORLD = range(4)
+SUN, POINT, AREA, WORLD, TRIANGLE = range(5)
 
 # Columns of `Emitters.real`.
 POWER = 0  # 3: of all its photons [W]
-MIDDLE = 3  # 3: of the lamp, or of the scene [m]
-SIZE = 6  # radius of the lamp or of the scene [m]
-AXIS = 7  # 3: unit, in which a sun or an area lamp shines
+MIDDLE = 3  # 3: of the lamp, or of the scene; a triangle's first corner [m]
+SIZE = 6  # radius of the lamp or of the scene, how far photons start off a triangle [m]
+AXIS = 7  # 3: unit, in which a sun or an area lamp shines; a triangle's normal
 ONE_MINUS_COS = 10  # of half a sun's angle
-ALONG_U, ALONG_V = 11, 14  # 3 each: half an area lamp's sides [m]
+ALONG_U, ALONG_V = 11, 14  # 3 each: half an area lamp's sides, a triangle's edges [m]
 EMITTER_WIDTH = 17
+#: How far photons start off a triangle, over its farthest coordinate: rounding is smaller.
+_OFF_TRIANGLES = 1e-6
 
 # Columns of `Emitters.integer`.
 KIND = 0
@@ -47,7 +50,7 @@ class Emitters(Bundle):
 
     real : float32 (N, EMITTER_WIDTH); integer : int32 (N, 2)
     cumulative : float32 (N,), probability of an emitter up to each, by power
-    reach : float32 (N,), radius of the sphere about a lamp in which it is seen [m], 0 of suns and the world
+    reach : float32 (N,), radius of the sphere about a lamp in which it is seen [m], 0 of suns, meshes and the world
     """
 
     real: Float32Array
@@ -110,6 +113,22 @@ def _area(row: np.ndarray, light: Light) -> None:
     row[ALONG_V : ALONG_V + 3] = 0.5 * size_y * matrix[:3, 1]
 
 
+def _triangles(scene: Scene) -> np.ndarray:
+    """Rows of triangles that glow, (T, EMITTER_WIDTH)."""
+    corners, radiance = glowing_triangles(scene)
+    edges = corners[:, 1:] - corners[:, :1]
+    across = np.cross(edges[:, 0], edges[:, 1])
+    doubled = np.linalg.norm(across, axis=1, keepdims=True)
+    rows = np.zeros((len(corners), EMITTER_WIDTH))
+    # Both sides.
+    rows[:, POWER : POWER + 3] = radiance * math.pi * doubled
+    rows[:, MIDDLE : MIDDLE + 3] = corners[:, 0]
+    rows[:, SIZE] = _OFF_TRIANGLES * np.abs(corners).max(axis=(1, 2), initial=0.0)
+    rows[:, AXIS : AXIS + 3] = across / doubled
+    rows[:, ALONG_U : ALONG_U + 3], rows[:, ALONG_V : ALONG_V + 3] = edges[:, 0], edges[:, 1]
+    return rows
+
+
 def _world_radiance(scene: Scene) -> np.ndarray:
     """Of a uniform world, float64 (3,).
 
@@ -139,8 +158,6 @@ def make_emitters(scene: Scene) -> Emitters:
         Naming the emitter for which photons are not traced, or if there is none.
     """
     description = scene.description
-    if len(scene.lights.triangles):
-        raise ValueError("a mesh emits light: photons are traced for lamps and a uniform world only")
     middle, radius = bounding_sphere(description)
     rows, kinds = [], []
     for light in description.lights:
@@ -167,6 +184,9 @@ def make_emitters(scene: Scene) -> Emitters:
         row[MIDDLE : MIDDLE + 3], row[SIZE], row[AXIS + 2] = middle, radius, 1.0
         rows.append(row)
         kinds.append((WORLD, 0))
+    triangles = _triangles(scene)
+    rows += list(triangles)
+    kinds += [(TRIANGLE, 0)] * len(triangles)
     real = np.array(rows).reshape(-1, EMITTER_WIDTH)
     power = real[:, POWER : POWER + 3].mean(axis=1)
     if not power.sum() > 0.0:
@@ -176,6 +196,7 @@ def make_emitters(scene: Scene) -> Emitters:
     integer = np.array(kinds, np.int32)
     across = np.linalg.norm(real[:, ALONG_U : ALONG_V + 3].reshape(-1, 2, 3), axis=2)
     reach = np.where(integer[:, KIND] == POINT, real[:, SIZE], np.hypot(across[:, 0], across[:, 1]))
+    reach[integer[:, KIND] == TRIANGLE] = 0.0
     return Emitters(real.astype(np.float32), integer, cumulative.astype(np.float32), reach.astype(np.float32))
 
 
@@ -201,9 +222,13 @@ def _cosine_direction(axis, u, v):
 @kernel
 def pick_emitter(emitters, u):
     """Row of the emitter for a uniform number, and the probability of that."""
-    row = 0
-    while u >= emitters.cumulative[row] and row < emitters.cumulative.shape[0] - 1:
-        row += 1
+    row, last = 0, emitters.cumulative.shape[0] - 1
+    while row < last:
+        middle = (row + last) // 2
+        if u < emitters.cumulative[middle]:
+            last = middle
+        else:
+            row = middle + 1
     before = emitters.cumulative[row - 1] if row > 0 else np.float32(0.0)
     return row, emitters.cumulative[row] - before
 
@@ -216,6 +241,21 @@ def _through_disc(real, row, direction, u, v):
     tangent, bitangent = orthonormal_basis(direction)
     offset = to_world((size * x, size * y, -size), tangent, bitangent, direction)
     return add(_triple(real, row, MIDDLE), offset)
+
+
+@kernel
+def _from_triangle(real, row, u):
+    """A photon of a triangle, from either side.
+
+    References: Pharr et al. 2016, "Physically Based Rendering", 13.6.5 (uniform on a triangle).
+    """
+    normal, side = _triple(real, row, AXIS), 2.0 * u[0]
+    if side >= 1.0:
+        normal, side = scale(normal, -1.0), side - 1.0
+    root = math.sqrt(u[2])
+    along = add(scale(_triple(real, row, ALONG_U), 1.0 - root), scale(_triple(real, row, ALONG_V), u[3] * root))
+    start = add(add(_triple(real, row, MIDDLE), along), scale(normal, real[row, SIZE]))
+    return start, _cosine_direction(normal, side, u[1])
 
 
 @kernel
@@ -240,6 +280,8 @@ def emit(emitters, row, u):
         local = (sine * math.cos(TWO_PI * u[1]), sine * math.sin(TWO_PI * u[1]), 1.0 - rise)
         direction = to_world(local, tangent, bitangent, axis)
         return _through_disc(real, row, direction, u[2], u[3]), direction
+    if kind == TRIANGLE:
+        return _from_triangle(real, row, u)
     if kind == AREA:
         along_u, along_v = 2.0 * u[2] - 1.0, 2.0 * u[3] - 1.0
         if emitters.integer[row, IS_DISC] != 0:

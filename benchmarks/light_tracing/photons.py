@@ -41,6 +41,8 @@ from engine.state.lanes import (
 
 #: Scatterings after which photons may be ended by chance, and their least probability to go on.
 _BEFORE_ROULETTE, _LEAST_SURVIVAL = 4, np.float32(0.05)
+#: Transparent surfaces that a photon passes at most, more or less.
+_MOST_PASSED = 64
 _FAR = np.float32(1e30)
 #: Rays to the camera end this share of the way before it.
 _BEFORE_CAMERA = np.float32(1.0 - 1e-5)
@@ -151,6 +153,7 @@ def scatter(scene, lanes, hit, ng, ns, wi):
     -------
     wo : 3-tuple, 0 where it ends; `lanes.value` has the factor on its weight
     compression : float32, share of that which is the square of refractive indices
+    bounces : int, 0 where it goes straight through a Transparent BSDF
     """
     nowhere = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
     u0, u1, u2 = uniform(lanes.random), uniform(lanes.random), uniform(lanes.random)
@@ -158,11 +161,11 @@ def scatter(scene, lanes, hit, ng, ns, wi):
     pdf, wo, label, _roughness, eta = sample_bsdf(lanes.closures, scene.tables, 0, wi, ng, u0, u1, u2, value, 0)
     compression = np.float32(1.0)
     if not pdf > 0.0:
-        return nowhere, compression
+        return nowhere, compression, 1
     if label & RAY_TRANSPARENT:
         for c in range(3):
             value[0, c] = value[0, c] / pdf
-        return wo, compression
+        return wo, compression, 0
     wo = normalize(wo)
     across = abs(dot(wo, ng)) / abs(dot(wi, ng))
     if label & RAY_SINGULAR:
@@ -178,10 +181,10 @@ def scatter(scene, lanes, hit, ng, ns, wi):
         if not label & RAY_REFLECT:
             compression = 1.0 / (eta * eta)
     if not abs(factor) < 1e30:
-        return nowhere, compression
+        return nowhere, compression, 1
     for c in range(3):
         value[0, c] = value[0, c] * factor
-    return wo, compression
+    return wo, compression, 1
 
 
 @kernel
@@ -195,8 +198,8 @@ def trace_photon(scene, lanes, emitters, share, most_bounces):
     weight = (real[row, POWER] * whole, real[row, POWER + 1] * whole, real[row, POWER + 2] * whole)
     first = max(weight[0], weight[1], weight[2])
     compressed = np.float32(1.0)
-    met = 0
-    for nth in range(most_bounces + 1):
+    met = bounces = 0
+    while bounces <= most_bounces and met <= most_bounces + _MOST_PASSED:
         found = trace_closest(
             scene.handle[0], lanes.ray, lanes.bits, lanes.address[0], origin, direction, 0.0, _FAR, 0.0, VISIBLE_ALL
         )
@@ -206,21 +209,22 @@ def trace_photon(scene, lanes, emitters, share, most_bounces):
         error = shade(scene, lanes, hit, direction, RAY_DIFFUSE)
         p, ng = real_3(lanes.points, 0, POINT_P), real_3(lanes.points, 0, POINT_NG)
         ns = real_3(lanes.points, 0, POINT_NS)
-        if nth == 0 and not is_emitted(emitters, row, origin, direction, p):
+        if met == 0 and not is_emitted(emitters, row, origin, direction, p):
             break
         met += 1
         wi = scale(direction, -1.0)
         if is_receiver(lanes.closures):
             connect(scene, lanes, hit, p, ng, wi, weight)
             shade(scene, lanes, hit, direction, RAY_DIFFUSE)
-        wo, compression = scatter(scene, lanes, hit, ng, ns, wi)
+        wo, compression, bounced = scatter(scene, lanes, hit, ng, ns, wi)
         value = lanes.value
         weight = (weight[0] * value[0, 0], weight[1] * value[0, 1], weight[2] * value[0, 2])
         compressed *= compression
         brightest = max(weight[0], weight[1], weight[2])
         if not (dot(wo, wo) > 0.5 and brightest > 0.0):
             break
-        if nth >= _BEFORE_ROULETTE:
+        bounces += bounced
+        if met > _BEFORE_ROULETTE:
             survival = max(min(brightest / (first * compressed), np.float32(1.0)), _LEAST_SURVIVAL)
             if uniform(lanes.random) >= survival:
                 break

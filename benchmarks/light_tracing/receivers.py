@@ -22,7 +22,7 @@ from engine.state.lanes import (
     POINT_RAY_LENGTH,
     RAY_CAMERA,
 )
-from engine.state.shaders import MODE_CLOSURES
+from engine.state.shaders import MODE_CLOSURES, PROGRAM_FLAGS, PROGRAM_HAS_EMISSION
 
 #: Lobes that are all narrower than this [alpha] show single directions, as mirrors do.
 LEAST_ALPHA = np.float32(0.05)
@@ -84,8 +84,26 @@ def _hides(emitters, origin, direction, far):
 
 
 @kernel
+def _glows(scene, hit):
+    program = program_of(scene.geometry, hit[0], hit[1])
+    return program >= 0 and scene.shaders.programs[program, PROGRAM_FLAGS] & PROGRAM_HAS_EMISSION != 0
+
+
+@kernel
+def sees_glow(scene, lanes, film_x, film_y):
+    """Whether the camera sees a surface that glows at a place of the film [pixels]."""
+    origin, direction, near, far, _radius, _spread = generate_ray(
+        scene.camera, scene.camera_motion, film_x, film_y, 0.5, 0.5, 0.0
+    )
+    found = trace_closest(
+        scene.handle[0], lanes.ray, lanes.bits, lanes.address[0], origin, direction, near, far, 0.0, VISIBLE_CAMERA
+    )
+    return found and _glows(scene, read_hit(lanes.ray, lanes.bits, scene.geometry))
+
+
+@kernel
 def look(scene, lanes, emitters, film_x, film_y):
-    """Whether the camera sees a receiver, and no lamp before it, at a place of the film [pixels]."""
+    """Whether the camera sees a receiver that does not glow, and no lamp before it, at a place of the film [pixels]."""
     origin, direction, near, far, _radius, _spread = generate_ray(
         scene.camera, scene.camera_motion, film_x, film_y, 0.5, 0.5, 0.0
     )
@@ -95,14 +113,20 @@ def look(scene, lanes, emitters, film_x, film_y):
     if not found:
         return False
     hit = read_hit(lanes.ray, lanes.bits, scene.geometry)
+    if _glows(scene, hit):
+        return False
     shade(scene, lanes, hit, direction, RAY_CAMERA)
     return is_receiver(lanes.closures) and not _hides(emitters, origin, direction, hit[2])
 
 
 @kernel
 def find_known(scene, lanes, emitters, known):
-    """Write 1 to uint8 `known` (height, width), row 0 at the bottom, where all of a pixel's footprint is receivers."""
-    step = 1.0 / np.float32(_LOOKS)
+    """Write 1 to uint8 `known` (height, width), row 0 at the bottom, where all of a pixel's footprint is receivers.
+
+    What glows may be so bright that a tail of the filter, where no sample is expected, has more of it than of the rest:
+    so it is looked for all over the filter.
+    """
+    step, span = 1.0 / np.float32(_LOOKS), 2.0 * scene.filter_radius[0]
     for row in range(known.shape[0]):
         for column in range(known.shape[1]):
             sees = True
@@ -112,4 +136,8 @@ def find_known(scene, lanes, emitters, known):
                 dx = sample_table(scene.pixel_filter, (np.float32(k % _LOOKS) + 0.5) * step)
                 dy = sample_table(scene.pixel_filter, (np.float32(k // _LOOKS) + 0.5) * step)
                 sees = look(scene, lanes, emitters, np.float32(column) + 0.5 + dx, np.float32(row) + 0.5 + dy)
+                if sees:
+                    dx = span * ((np.float32(k % _LOOKS) + 0.5) * step - 0.5)
+                    dy = span * ((np.float32(k // _LOOKS) + 0.5) * step - 0.5)
+                    sees = not sees_glow(scene, lanes, np.float32(column) + 0.5 + dx, np.float32(row) + 0.5 + dy)
             known[row, column] = 1 if sees else 0

@@ -19,11 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import environment, metrics
+from benchmarks import environment
 from benchmarks.images import Float32Array, write_exr
-from benchmarks.luxcore.export import LuxScene, Properties, export_scene
-from benchmarks.reference import load_reference
-from benchmarks.rendering import render_scene
+from benchmarks.luxcore.export import export_scene
+from benchmarks.luxcore.properties import LuxScene, Properties
+from benchmarks.luxcore.rows import HEADER, row
+from benchmarks.reference import Reference, load_reference
+from benchmarks.rendering import RenderRecord, render_scene
 from benchmarks.rivals import Budget, find_rival
 from benchmarks.scene_files import SceneSource, expand, open_scene
 from benchmarks.tables import table
@@ -98,6 +100,7 @@ def render_luxcore(
             for part, array in zip(parts, found, strict=True)
         }
         np.savez(folder / "meshes.npz", **arrays)
+        np.savez(folder / "images.npz", **scene.images)
         described = {key: value for key, value in scene.properties.items() if key.startswith("scene.")}
         job = {"scene": described, "config": config, "meshes": list(scene.meshes), "seconds": seconds}
         (folder / "scene.json").write_text(json.dumps(job), encoding="utf-8")
@@ -114,65 +117,70 @@ def render_luxcore(
         return np.load(folder / "image.npy"), facts
 
 
-def _row(
-    scene: str, rival: str, images: Sequence[Float32Array], seconds: Sequence[float], samples: Sequence[float],
-    reference: Float32Array,
-) -> list[float | int | str | None]:  # fmt: skip
-    known = metrics.known_pixels(reference)
-    errors = [metrics.relative_squared_error(image, reference) for image in images]
-    mean = np.mean([image[known][:, :3].mean(dtype=np.float64) for image in images])
-    shares = [metrics.absolute_percentage_error(image, reference) for image in images]
-    return [
-        scene, rival, len(images), float(np.median(samples)), float(np.median(seconds)),
-        float(np.median([error.whole for error in errors])), float(np.median([error.trimmed for error in errors])),
-        float(np.median(shares)), f"{mean / reference[known][:, :3].mean(dtype=np.float64) - 1.0:+.2%}",
-    ]  # fmt: skip
+def _reference(folder: Path, scene: str) -> Reference:
+    found = load_reference(folder, scene)
+    if found is None:
+        raise ValueError(f"no reference of {scene} in {folder}: python -m benchmarks.light_tracing")
+    return found
 
 
 def compare(
-    source: SceneSource, rivals: Sequence[str], seconds: float, seeds: int, *, references: Path, luxcore: Path,
-    out: Path, threads: int,
+    source: SceneSource, rivals: Sequence[str], seconds: float, seeds: int, *, references: Sequence[Path],
+    luxcore: Path, out: Path, threads: int, pixels: int = 0, first_seed: int = 1,
 ) -> list[list[float | int | str | None]]:  # fmt: skip
     """Rows of the table of a scene, of ours, Cycles' and LuxCore's rivals.
+
+    Parameters
+    ----------
+    references : sequence of path
+        Folders of none, one or two.
+    pixels : int
+        Size without a reference, about; 0 leaves the scene's.
 
     Raises
     ------
     ValueError, RuntimeError
         Without a reference, or what LuxCore would not show alike, or what failed.
     """
-    reference = load_reference(references, source.name)
-    if reference is None:
-        raise ValueError(f"no reference of {source.name} in {references}: python -m benchmarks.light_tracing")
-    size = (reference.image.shape[1], reference.image.shape[0])
+    found = [_reference(folder, source.name) for folder in references]
+    size = (found[0].image.shape[1], found[0].image.shape[0]) if found else None
+    truths = [reference.image for reference in found]
+    scene = open_scene(source, pixels, size)
+    size, bounces = (scene.render.resolution_x, scene.render.resolution_y), scene.cycles.max_bounces
+    exported = export_scene(scene)
     threads = threads or environment.thread_count()
     unknown = [name for name in rivals if name.startswith("luxcore") and name not in ENGINES]
     if unknown:
         raise ValueError(f"no rival {unknown[0]!r}; of LuxCore there are: {', '.join(ENGINES)}")
+
+    def check(record: RenderRecord) -> None:
+        for reference in found:
+            reference.require(record)
+
     others = [find_rival(name) for name in rivals if name not in ENGINES]
     renders, failures = render_scene(
-        source, others, Budget(0, seconds), seeds, out=out, size=size, threads=threads, check=reference.require
-    )
+        source, others, Budget(0, seconds), seeds, out=out, size=size, threads=threads, check=check,
+        first_seed=first_seed,
+    )  # fmt: skip
     if failures:
         raise RuntimeError(f"{failures[0].rival}: {failures[0].message}")
     rows = {
-        name: _row(
-            source.name, name, [render.image for render in found], [render.record.render_seconds for render in found],
-            [render.record.samples for render in found], reference.image,
+        name: row(
+            source.name, name, [render.image for render in done], [render.record.render_seconds for render in done],
+            [render.record.samples for render in done], truths,
         )
-        for name, found in renders.items()
+        for name, done in renders.items()
     }  # fmt: skip
-    scene = open_scene(source, size=size)
-    exported = export_scene(scene)
     for name in (name for name in rivals if name in ENGINES):
         images, facts = [], []
-        for seed in range(1, seeds + 1):
-            config = configuration(name, exported, seed, threads, scene.cycles.max_bounces, seconds)
-            image, found = render_luxcore(exported, config, seconds, luxcore)
+        for seed in range(first_seed, first_seed + seeds):
+            config = configuration(name, exported, seed, threads, bounces, seconds)
+            image, fact = render_luxcore(exported, config, seconds, luxcore)
             write_exr(out / source.name / f"{name}_{seconds:g}s_seed{seed}.exr", image)
             images.append(image)
-            facts.append(found)
+            facts.append(fact)
         spent, samples = ([fact[key] for fact in facts] for key in ("seconds", "samples"))
-        rows[name] = _row(source.name, name, images, spent, samples, reference.image)
+        rows[name] = row(source.name, name, images, spent, samples, truths)
     return [rows[name] for name in rivals]
 
 
@@ -180,12 +188,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Render and print a table; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.luxcore", description=__doc__)
     parser.add_argument("scenes", nargs="*", default=list(SCENES), help=".blend files or builtin:NAME (default: two)")
-    rivals = ["cycles", "OFF", "AUTO", *ENGINES]
+    rivals = ["cycles", "OFF", "AUTO-AUTO", *ENGINES]
     parser.add_argument("--rivals", nargs="+", default=rivals, help=f"(default: {' '.join(rivals)})")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each render (default: %(default)g)")
     parser.add_argument("--seeds", type=int, default=3, help="(default: %(default)s)")
+    parser.add_argument("--first-seed", type=int, default=1, help="others for pictures that are to be references")
     parser.add_argument("--threads", type=int, default=0, help="0 = all cores")
-    parser.add_argument("--references", type=Path, required=True, help="folder of NAME.exr")
+    parser.add_argument("--references", type=Path, nargs="*", default=[], help="one folder of NAME.exr, or two")
+    parser.add_argument("--pixels", type=int, default=0, help="scale scenes to about so many, without references")
     parser.add_argument("--luxcore", type=Path, default=Path("out/pyluxcore"), help="folder that has pyluxcore")
     parser.add_argument("--out", type=Path, default=Path("out/luxcore"), help="folder for pictures")
     chosen = parser.parse_args(arguments)
@@ -194,13 +204,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for source in expand(chosen.scenes):
             rows += compare(
                 source, chosen.rivals, chosen.seconds, chosen.seeds, references=chosen.references,
-                luxcore=chosen.luxcore, out=chosen.out, threads=chosen.threads,
+                luxcore=chosen.luxcore, out=chosen.out, threads=chosen.threads, pixels=chosen.pixels,
+                first_seed=chosen.first_seed,
             )  # fmt: skip
     except (ValueError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    header = ["scene", "rival", "seeds", "spp", "seconds", "ref err", "trimmed", "MAPE", "mean"]
-    print(table(header, rows))
+    print(table(HEADER, rows))
     return 0
 
 

@@ -1,97 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The open scene as LuxCore's properties and meshes: what both mean alike, and nothing else.
-
-LuxCore's properties: https://wiki.luxcorerender.org/LuxCore_SDL_Reference_Manual_v2.5
-"""
+"""The open scene as LuxCore's properties and meshes: what both mean alike, and nothing else."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-Properties = dict[str, Any]
-#: Points, triangles and normals.
-Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
+from benchmarks.luxcore.camera import export_camera, pixel_width
+from benchmarks.luxcore.lights import export_light, export_object, export_world
+from benchmarks.luxcore.materials import export_material, glows
+from benchmarks.luxcore.properties import LuxScene, Mesh
 
-#: As smooth as these are in Blender, mirrors and clear glass are in LuxCore.
-_SMOOTH = 1e-4
-
-
-@dataclass(frozen=True)
-class LuxScene:
-    """A scene for `benchmarks.luxcore.process`.
-
-    Attributes
-    ----------
-    properties : dict
-        Of the scene and the film, by LuxCore's names.
-    meshes : dict of str to (points, triangles, normals)
-        float64 (V, 3) [m], int64 (T, 3), float64 (V, 3); three vertices a triangle.
-    footprint : float
-        Width of a pixel on what is seen in the middle of the picture [m].
-    """
-
-    properties: Properties
-    meshes: dict[str, Mesh]
-    footprint: float = 0.0
-
-
-def _value(node: Any, name: str) -> Any:
-    socket = node.inputs[name]
-    if socket.is_linked:
-        raise ValueError(f"its input {name} is linked")
-    value = socket.default_value
-    return float(value) if isinstance(value, float) else tuple(float(v) for v in value)
-
-
-def _diffuse(node: Any) -> Properties:
-    if _value(node, "Roughness") > _SMOOTH:
-        raise ValueError("its diffuse surface is rough")
-    return {"type": "matte", "kd": list(_value(node, "Color")[:3])}
-
-
-def _glass(node: Any) -> Properties:
-    if _value(node, "Roughness") > _SMOOTH:
-        raise ValueError("its glass is rough")
-    color = list(_value(node, "Color")[:3])
-    return {"type": "glass", "kr": color, "kt": color, "interiorior": _value(node, "IOR"), "exteriorior": 1.0}
-
-
-def _mirror(node: Any) -> Properties:
-    if _value(node, "Roughness") > _SMOOTH:
-        raise ValueError("its metal is rough")
-    return {"type": "mirror", "kr": list(_value(node, "Color")[:3])}
-
-
-_CLOSURES: Mapping[str, Callable[[Any], Properties]] = {
-    "BSDF_DIFFUSE": _diffuse, "BSDF_GLASS": _glass, "BSDF_GLOSSY": _mirror,
-}  # fmt: skip
-
-
-def export_material(material: Any) -> Properties:
-    """A material's properties, without their prefix.
-
-    Raises
-    ------
-    ValueError
-        Naming what LuxCore would not show alike.
-    """
-    if material is None:
-        raise ValueError("an object has no material: give it one")
-    node = next((n for n in material.node_tree.nodes if n.type == "OUTPUT_MATERIAL"), None)
-    links = node.inputs["Surface"].links if node is not None else ()
-    closure = links[0].from_node if links else None
-    if closure is None or closure.type not in _CLOSURES:
-        found = closure.bl_label if closure is not None else "no surface"
-        raise ValueError(f"the material {material.name!r} is {found}: LuxCore shows Diffuse, Glass and Glossy alike")
-    try:
-        return _CLOSURES[closure.type](closure)
-    except ValueError as error:
-        raise ValueError(f"the material {material.name!r}: {error}; LuxCore would not show it alike") from error
+#: How near something must be behind what glows for its back to be covered, over the triangle's size.
+_COVERED = 0.02
 
 
 def _mesh(item: Any, matrix: np.ndarray) -> Mesh:
@@ -104,98 +26,81 @@ def _mesh(item: Any, matrix: np.ndarray) -> Mesh:
     data.loop_triangles.foreach_get("vertices", vertices)
     data.loop_triangles.foreach_get("split_normals", normals)
     data.vertices.foreach_get("co", points)
+    slots = np.empty(count, np.int64)
+    data.loop_triangles.foreach_get("material_index", slots)
+    item.to_mesh_clear()
+    if slots.any():
+        raise ValueError(f"{item.name!r} has faces of a second material: separate them, LuxCore has one for an object")
     placed = points.reshape(-1, 3)[vertices] @ matrix[:3, :3].T + matrix[:3, 3]
     turned = normals.reshape(-1, 3) @ np.linalg.inv(matrix[:3, :3])
-    item.to_mesh_clear()
-    return placed, np.arange(3 * count).reshape(-1, 3), turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    triangles = np.arange(3 * count).reshape(-1, 3)
+    if np.linalg.det(matrix[:3, :3]) < 0.0:
+        # What mirrors turns triangles over, whose front is where they are seen counterclockwise.
+        triangles = triangles[:, ::-1]
+    return placed, triangles, turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
-def _sun(item: Any, matrix: np.ndarray) -> Properties:
-    data = item.data
-    half = 0.5 * data.angle
-    # What arrives by what leaves: LuxCore's gain is the radiance.
-    scale = data.energy / (math.pi * math.sin(half) ** 2)
-    return {
-        "type": "distant", "direction": [float(v) for v in -matrix[:3, 2]], "theta": math.degrees(half),
-        "gain": [float(scale * channel) for channel in data.color], "color": [1.0, 1.0, 1.0],
-    }  # fmt: skip
+def _is_covered(scene: Any, corners: np.ndarray, towards: np.ndarray) -> bool:
+    """Whether something lies right behind triangles, (T, 3, 3), on the side of their unit vectors `towards`, (T, 3)."""
+    import bpy
+
+    graph = bpy.context.evaluated_depsgraph_get()
+    weights = np.array([[1.0, 1.0, 1.0], [8.0, 1.0, 1.0], [1.0, 8.0, 1.0], [1.0, 1.0, 8.0]])
+    weights /= weights.sum(axis=1, keepdims=True)
+    for triangle, direction in zip(corners, towards, strict=True):
+        size = float(np.linalg.norm(triangle[1:] - triangle[0], axis=1).max())
+        for place in weights @ triangle:
+            # A step aside, so that it is not the triangle itself that is met.
+            origin = place + 1e-5 * size * direction
+            hit, *_ = scene.ray_cast(graph, origin, direction, distance=_COVERED * size)
+            if not hit:
+                return False
+    return True
 
 
-def _glowing_sphere(item: Any, matrix: np.ndarray) -> tuple[Properties, Mesh]:
-    """A lamp as a glowing mesh of the same power: LuxCore's own sphere is found by no path, and too bright by BiDir."""
-    import bmesh
-
-    data = item.data
-    grid = bmesh.new()
-    bmesh.ops.create_uvsphere(grid, u_segments=48, v_segments=24, radius=data.shadow_soft_size)
-    bmesh.ops.triangulate(grid, faces=grid.faces)
-    corners = np.array([[vertex.co for vertex in face.verts] for face in grid.faces], np.float64)
-    grid.free()
-    edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(edges, axis=1).sum())
-    radiance = [float(data.energy * channel / (math.pi * area)) for channel in data.color]
-    points = corners.reshape(-1, 3)
-    glow = {"type": "matte", "kd": [0.0] * 3, "emission": [1.0] * 3, "emission.gain": radiance}
-    normals = points / data.shadow_soft_size
-    return glow, (points + matrix[:3, 3], np.arange(len(points)).reshape(-1, 3), normals)
-
-
-def export_light(item: Any, matrix: np.ndarray, name: str) -> LuxScene:
-    """A lamp's properties, and its mesh if it has one.
+def _glowing(scene: Any, item: Any, mesh: Mesh) -> Mesh:
+    """A mesh that glows, turned so that its front does: LuxCore's glow on one side, Blender's on both.
 
     Raises
     ------
     ValueError
-        Naming what LuxCore would not show alike.
+        If both sides may be seen.
     """
-    data = item.data
-    if data.type == "SUN" and data.angle > 0.0:
-        return LuxScene(_prefixed(f"scene.lights.{name}", _sun(item, matrix)), {})
-    if data.type == "POINT" and data.shadow_soft_size > 0.0 and not data.use_soft_falloff:
-        glow, mesh = _glowing_sphere(item, matrix)
-        return _object(name, glow, mesh)
-    raise ValueError(f"the lamp {item.name!r} is no sun, nor a point without soft falloff: LuxCore has none alike")
+    points, triangles, normals = mesh
+    corners = points[triangles]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    front = across / np.linalg.norm(across, axis=1, keepdims=True)
+    if _is_covered(scene, corners, -front):
+        return mesh
+    if _is_covered(scene, corners, front):
+        return points, triangles[:, ::-1], -normals
+    raise ValueError(f"{item.name!r} glows on both sides, of which none is covered: LuxCore's meshes glow on one")
 
 
-def _object(name: str, material: Properties, mesh: Mesh) -> LuxScene:
-    """An object with a material of its own."""
-    placed = _prefixed(f"scene.objects.{name}", {"shape": name, "material": name})
-    return LuxScene(_prefixed(f"scene.materials.{name}", material) | placed, {name: mesh})
+def _is_closed(item: Any) -> bool:
+    """Whether a mesh has an inside, which nobody sees."""
+    import bmesh
+
+    grid = bmesh.new()
+    grid.from_mesh(item.data)
+    closed = len(grid.edges) > 0 and all(edge.is_manifold for edge in grid.edges) and grid.calc_volume(signed=True) > 0
+    grid.free()
+    return closed
 
 
-def _world(world: Any) -> list[float]:
-    node = next((n for n in world.node_tree.nodes if n.type == "BACKGROUND"), None) if world is not None else None
-    if node is None:
-        return [0.0, 0.0, 0.0]
-    try:
-        return [_value(node, "Strength") * channel for channel in _value(node, "Color")[:3]]
-    except ValueError as error:
-        raise ValueError(f"the world {world.name!r} is not uniform: {error}") from error
+def _require_visible(item: Any) -> None:
+    kinds = ("camera", "diffuse", "glossy", "transmission", "shadow", "volume_scatter")
+    if not all(getattr(item, f"visible_{kind}") for kind in kinds) or item.is_holdout or item.is_shadow_catcher:
+        raise ValueError(f"{item.name!r} is hidden from some rays: LuxCore would not show it alike")
 
 
-def _camera(scene: Any) -> Properties:
-    camera, render = scene.camera, scene.render
-    data = camera.data
-    width, height = render.resolution_x, render.resolution_y
-    if data.type != "PERSP" or data.dof.use_dof or data.shift_x or data.shift_y or data.sensor_fit != "AUTO":
-        raise ValueError("the camera has more than a lens: LuxCore would not show it alike")
-    matrix = np.array(camera.matrix_world)
-    origin, forward, up = matrix[:3, 3], -matrix[:3, 2], matrix[:3, 1]
-    longest = max(width, height)
-    across, along = width / longest, height / longest
-    return {
-        "scene.camera.type": "perspective",
-        "scene.camera.lookat.orig": [float(v) for v in origin],
-        "scene.camera.lookat.target": [float(v) for v in origin + forward],
-        "scene.camera.up": [float(v) for v in up],
-        "scene.camera.screenwindow": [-across, across, -along, along],
-        "scene.camera.fieldofview": math.degrees(2.0 * math.atan(0.5 * data.sensor_width / data.lens)),
-        "film.width": width,
-        "film.height": height,
-        # Half of what the filter spans, as Blender's width.
-        "film.filter.type": "BLACKMANHARRIS",
-        "film.filter.width": float(scene.cycles.filter_width),
-    }
+def _object(scene: Any, item: Any, matrix: np.ndarray, name: str) -> LuxScene:
+    _require_visible(item)
+    material = export_material(item.material_slots[0].material if item.material_slots else None, name)
+    mesh = _mesh(item, matrix)
+    if glows(material) and not _is_closed(item):
+        mesh = _glowing(scene, item, mesh)
+    return export_object(name, material, mesh)
 
 
 def export_scene(scene: Any) -> LuxScene:
@@ -204,43 +109,35 @@ def export_scene(scene: Any) -> LuxScene:
     Raises
     ------
     ValueError
-        Naming the material, lamp, world or camera that LuxCore would not show alike.
+        Naming the material, mesh, lamp, world or camera that LuxCore would not show alike.
     """
     import bpy
 
     if scene.cycles.pixel_filter_type != "BLACKMAN_HARRIS":
         raise ValueError("the scene's pixel filter is not Blackman-Harris, by which LuxCore is rendered")
-    properties = _camera(scene)
+    # It brings matrices up to date.
+    graph = bpy.context.evaluated_depsgraph_get()
+    world = export_world(scene.world)
+    properties = export_camera(scene) | world.properties
     meshes: dict[str, Mesh] = {}
-    radiance = _world(scene.world)
-    if any(radiance):
-        uniform = {"type": "constantinfinite", "gain": radiance, "color": [1.0, 1.0, 1.0]}
-        properties |= _prefixed("scene.lights.world", uniform)
-    for index, instance in enumerate(bpy.context.evaluated_depsgraph_get().object_instances):
+    for index, instance in enumerate(graph.object_instances):
         item, matrix = instance.object, np.array(instance.matrix_world)
         if item.type == "LIGHT":
             made = export_light(item, matrix, f"l{index}")
         elif item.type == "MESH":
-            material = export_material(item.material_slots[0].material if item.material_slots else None)
-            made = _object(f"m{index}", material, _mesh(item, matrix))
+            made = _object(scene, item, matrix, f"m{index}")
         else:
             continue
         properties |= made.properties
         meshes |= made.meshes
-    return LuxScene(properties, meshes, _footprint(scene))
+    return LuxScene(properties, meshes, _footprint(scene), world.images)
 
 
 def _footprint(scene: Any) -> float:
     import bpy
 
-    camera, render = scene.camera, scene.render
-    matrix = np.array(camera.matrix_world)
+    matrix = np.array(scene.camera.matrix_world)
     hit, place, *_ = scene.ray_cast(bpy.context.evaluated_depsgraph_get(), matrix[:3, 3], -matrix[:3, 2])
     if not hit:
         raise ValueError("nothing is seen in the middle of the picture, by which photons' radius is chosen")
-    distance = float(np.linalg.norm(np.array(place) - matrix[:3, 3]))
-    return distance * camera.data.sensor_width / camera.data.lens / max(render.resolution_x, render.resolution_y)
-
-
-def _prefixed(prefix: str, properties: Properties) -> Properties:
-    return {f"{prefix}.{name}": value for name, value in properties.items()}
+    return float(np.linalg.norm(np.array(place) - matrix[:3, 3])) * pixel_width(scene)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`python -m benchmarks.luxcore.process FOLDER`: a process that renders with `pyluxcore`, and with nothing of Blender.
 
-It reads `scene.json` and `meshes.npz` of the folder, and leaves `image.npy`, row 0 at the top, and `result.json`.
+It reads `scene.json`, `meshes.npz` and `images.npz` of the folder, and leaves `image.npy`, row 0 at the top, and
+`result.json`.
 """
 
 from __future__ import annotations
@@ -37,6 +38,10 @@ def render(folder: Path) -> None:
             points, triangles, normals = (arrays[f"{name}.{part}"] for part in ("points", "triangles", "normals"))
             rows = [list(map(tuple, part.tolist())) for part in (points, triangles, normals)]
             scene.DefineMesh(name, *rows, None, None, None)
+    with np.load(folder / "images.npz") as images:
+        for name in images.files:
+            height, width, channels = images[name].shape
+            scene.DefineImageMap(name, images[name].ravel(), 1.0, channels, width, height)
     scene.Parse(_properties(lux, job["scene"]))
     session = lux.RenderSession(lux.RenderConfig(_properties(lux, job["config"]), scene))
     began = time.perf_counter()

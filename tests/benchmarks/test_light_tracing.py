@@ -63,6 +63,20 @@ def test_a_floor_under_a_uniform_sky(floor: Any) -> None:
 
 
 @compiled
+def test_a_floor_below_a_ceiling_that_glows(floor: Any) -> None:
+    """The form factor of a point below a square's middle: Howell 2010, "A Catalog of Radiation Heat Transfer
+    Configuration Factors", B-3.
+    """
+    half, height = 4.0, 2.5
+    lamp = studio.quad("Lamp", studio.emitter((1.0, 0.5, 0.25), 2.0), 2.0 * half, 2.0 * half)
+    studio.add_object("Lamp", lamp, (0.0, 0.0, height))
+    side = half / math.hypot(half, height)
+    seen = 4.0 / math.pi * side * math.atan(side)
+    expected = np.array((0.5, 0.4, 0.3)) * (2.0, 1.0, 0.5) * seen
+    np.testing.assert_allclose(_mean(floor, 1_500_000), expected, rtol=0.03)
+
+
+@compiled
 def test_a_floor_under_water_without_the_compression_of_radiance(floor: Any) -> None:
     """As in Cycles a floor that is seen from within the water gets 1 / n^2 of the light that comes through."""
     ior, angle = 1.333, math.radians(45.0)
@@ -97,6 +111,9 @@ def _glass_and_gloss() -> None:
         studio.add_object("Ball", studio.sphere("Ball", item, 0.45, 96, 48), (x, 0.5, 0.46))
     studio.light("AREA", 60.0, (-1.0, 1.8, 2.2), (0.0, 0.0, 0.0), shape="RECTANGLE", size=1.2, size_y=0.8)
     studio.light("POINT", 60.0, (1.5, 1.0, 2.0), shadow_soft_size=0.5)
+    # It glows on both sides.
+    glow = studio.quad("Glow", studio.emitter((1.0, 0.6, 0.3), 3.0), 1.0, 0.6)
+    studio.add_object("Glow", glow, (0.3, -1.6, 1.0), (70.0, 20.0, 0.0))
     studio.world((0.5, 0.7, 1.0), 0.1)
     studio.camera((0.0, -3.4, 2.6), (0.0, -0.1, 0.0), 38.0)
 
@@ -141,16 +158,18 @@ def test_a_reference_is_known_where_no_glass_is_seen(blender: Any, tmp_path: Pat
     assert metrics.flip(image, reference.image) == pytest.approx(0.0, abs=1e-6)
 
 
+def _varying_glow() -> None:
+    glow = studio.material("glow", lambda nodes: nodes("Emission", Color=nodes("TexChecker")))
+    studio.add_object("Glow", studio.quad("Glow", glow), (0.0, 0.0, 1.0))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda: studio.light("SPOT", 10.0, (0, 0, 2)), "the lamp 'Spot' is a spot"),
         (lambda: setattr(studio.light("POINT", 10.0, (0, 0, 2)), "visible_glossy", False), "is hidden from some rays"),
         (lambda: None, "nothing emits light: add a lamp"),
-        (
-            lambda: studio.add_object("Glow", studio.quad("Glow", studio.emitter((1, 1, 1), 2.0)), (0, 0, 1)),
-            "a mesh emits light",
-        ),
+        (_varying_glow, "a mesh's emission varies"),
     ],
 )
 def test_what_photons_are_not_traced_for_is_named(floor: Any, change: Any, message: str) -> None:
