@@ -132,7 +132,9 @@ class PhotonMap(Bundle):
     starts : int32 (H + 1,), first photon of each bucket
     places : float32 (P, 3), where they have arrived, which is asked for most
     photons : float32 (P, `photon_width`)
-    starts_within : int32 (K + 1,); within : float32 (M, as `photons`)
+    starts_within : int32 (K + 1 + K / 32,), behind the first mark of each bucket a bit for each that holds any
+        (`engine.kernels.hash_grid.note_occupied`)
+    within : float32 (M, as `photons`)
     """
 
     _dynamic = frozenset({"photons", "within"})
