@@ -14,8 +14,6 @@ from engine.runtime.jit import kernel
 _FARTHEST = np.float32(1e9)
 #: Cells of a block along an axis are two to this power.
 BLOCK_BITS = 2
-#: Cells of a block, whose buckets are in a row where there are at least so many.
-BLOCK_CELLS = 64
 
 
 @kernel
@@ -91,7 +89,7 @@ def note_occupied(starts, bucket_count):
 
     Parameters
     ----------
-    starts : int32 (B + 1 + B / 32,), the first of them as `sort_into_buckets` fills it, the others 0
+    starts : int32, `engine.state.photons.bucket_starts`, as `sort_into_buckets` has filled them
     bucket_count : int, B, a multiple of BLOCK_CELLS
     """
     for bucket in range(bucket_count):

@@ -13,9 +13,10 @@ import math
 import numpy as np
 
 from engine.array_types import Float32Array, FloatArray
-from engine.kernels.hash_grid import BLOCK_CELLS, note_occupied, sort_into_buckets
+from engine.kernels.hash_grid import note_occupied, sort_into_buckets
 from engine.render.photon_radius import squared_distances
 from engine.state.photons import (
+    BLOCK_CELLS,
     IS_WITHIN,
     MAP_MARKS,
     MAP_RADIUS,
@@ -32,6 +33,7 @@ from engine.state.photons import (
     TUBE_LENGTH,
     TUBE_ONE_IN,
     PhotonMap,
+    bucket_starts,
 )
 
 #: Marks that maps have for each photon that is sent off, and most that a photon draws on a segment.
@@ -74,7 +76,7 @@ def with_marks(photons: PhotonMap, marks: Float32Array, emitted: int, radius: fl
     tube = TUBE_LENGTH * math.pi * radius**3
     numbers[MAP_TUBE_EXPECTED] = emitted * float(header[MAP_MARKS]) * tube / TUBE_ONE_IN
     numbers[MAP_TUBE_SCALE] = 1.0 / numbers[MAP_TUBE_EXPECTED]
-    starts, order = np.zeros(buckets + 1 + buckets // 32, np.int32), np.zeros(len(marks), np.int32)
+    starts, order = bucket_starts(buckets), np.zeros(len(marks), np.int32)
     sort_into_buckets(marks, np.zeros(len(marks), np.int64), numbers[MAP_TUBE_INVERSE_CELL], buckets - 1, starts, order)
     note_occupied(starts, buckets)
     return photons._replace(
