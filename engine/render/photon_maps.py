@@ -46,6 +46,8 @@ from engine.state.photons import (
 #: Photons for each path that goes by their map, and least and most of a map. The first map has fewer, since a trial may
 #: find that none are worth their time.
 _PHOTONS_PER_PATH = 1.0
+#: Where there are media: the least gain by photons for so many of them, and for gathering on one segment in so many.
+_PARTS_IN_MEDIA, _LEAST_IN_MEDIA = ((4.0, 1.0, 1), (2.0, 0.5, 1)), (0.25, 2)
 _FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
@@ -87,6 +89,19 @@ def map_of_sample(sample: int) -> int:
     if sample < 2 * _MOST_SAMPLES:
         return sample.bit_length()
     return sample // _MOST_SAMPLES + int(math.log2(_MOST_SAMPLES))
+
+
+def part_in_media(gain: float) -> tuple[float, int]:
+    """How many photons a path media deserve, and on one in how many segments they are gathered there.
+
+    Parameters
+    ----------
+    gain : float, `engine.render.photon_trial.gain_of_photons`
+    """
+    for least, photons, segments in _PARTS_IN_MEDIA:
+        if gain >= least:
+            return photons, segments
+    return _LEAST_IN_MEDIA
 
 
 @dataclass
@@ -146,6 +161,7 @@ class PhotonMaps:
         #: Of the second map, from which on radii shrink [m].
         self._best_radius: float | None = None
         self._within = PhotonsWithin()
+        self._photons_per_path = _PHOTONS_PER_PATH
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
@@ -170,6 +186,7 @@ class PhotonMaps:
             with self._trial:
                 if self.gain is None and first is not None:
                     self.gain = try_out(first)
+                    self._thin_out(len(first.within) > 0)
             if self.gain is None:
                 return None
             if self.gain == 0.0:
@@ -179,10 +196,17 @@ class PhotonMaps:
             return None
         return self._made(map_of_sample(sample), send_off)
 
+    def _thin_out(self, has_marks: bool) -> None:
+        """Where media are lit by photons, and little of the noise is what they find, send off fewer."""
+        if has_marks and self.gain:
+            self._photons_per_path, segments = part_in_media(self.gain)
+            self._within.thin_out(self._photons_of(1), segments, self._at_most(math.inf))
+
     def _photons_of(self, number: int) -> int:
         _, samples = samples_of_map(number)
-        most = _MOST if number > 0 else _MOST_AT_FIRST
-        return int(min(max(_PHOTONS_PER_PATH * self._pixel_count * samples, _FEWEST), most))
+        if number == 0:
+            return int(min(max(_PHOTONS_PER_PATH * self._pixel_count, _FEWEST), _MOST_AT_FIRST))
+        return int(min(max(self._photons_per_path * self._pixel_count * samples, _FEWEST), _MOST))
 
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
