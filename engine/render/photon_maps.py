@@ -45,9 +45,8 @@ from engine.state.photons import (
 
 #: Photons for each path that goes by their map, and least and most of a map. The first map has fewer, since a trial may
 #: find that none are worth their time.
-_PHOTONS_PER_PATH = 1.0
-#: Where there are media: the least gain by photons for so many of them, and for gathering on one segment in so many.
-_PARTS_IN_MEDIA, _LEAST_IN_MEDIA = ((4.0, 1.0, 1), (2.0, 0.5, 1)), (0.25, 2)
+#: Where there are marks within media, half as many do: each leaves several.
+_PHOTONS_PER_PATH, _PHOTONS_PER_PATH_IN_MEDIA = 1.0, 0.5
 _FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
@@ -89,19 +88,6 @@ def map_of_sample(sample: int) -> int:
     if sample < 2 * _MOST_SAMPLES:
         return sample.bit_length()
     return sample // _MOST_SAMPLES + int(math.log2(_MOST_SAMPLES))
-
-
-def part_in_media(gain: float) -> tuple[float, int]:
-    """How many photons a path media deserve, and on one in how many segments they are gathered there.
-
-    Parameters
-    ----------
-    gain : float, `engine.render.photon_trial.gain_of_photons`
-    """
-    for least, photons, segments in _PARTS_IN_MEDIA:
-        if gain >= least:
-            return photons, segments
-    return _LEAST_IN_MEDIA
 
 
 @dataclass
@@ -161,7 +147,8 @@ class PhotonMaps:
         #: Of the second map, from which on radii shrink [m].
         self._best_radius: float | None = None
         self._within = PhotonsWithin()
-        self._photons_per_path = _PHOTONS_PER_PATH
+        #: Photons for each path, of all maps but the first.
+        self._per_path = _PHOTONS_PER_PATH
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
@@ -186,7 +173,6 @@ class PhotonMaps:
             with self._trial:
                 if self.gain is None and first is not None:
                     self.gain = try_out(first)
-                    self._thin_out(len(first.within) > 0)
             if self.gain is None:
                 return None
             if self.gain == 0.0:
@@ -196,17 +182,10 @@ class PhotonMaps:
             return None
         return self._made(map_of_sample(sample), send_off)
 
-    def _thin_out(self, has_marks: bool) -> None:
-        """Where media are lit by photons, and little of the noise is what they find, send off fewer."""
-        if has_marks and self.gain:
-            self._photons_per_path, segments = part_in_media(self.gain)
-            self._within.thin_out(self._photons_of(1), segments, self._at_most(math.inf))
-
     def _photons_of(self, number: int) -> int:
         _, samples = samples_of_map(number)
-        if number == 0:
-            return int(min(max(_PHOTONS_PER_PATH * self._pixel_count, _FEWEST), _MOST_AT_FIRST))
-        return int(min(max(self._photons_per_path * self._pixel_count * samples, _FEWEST), _MOST))
+        most, per_path = (_MOST, self._per_path) if number > 0 else (_MOST_AT_FIRST, _PHOTONS_PER_PATH)
+        return int(min(max(per_path * self._pixel_count * samples, _FEWEST), most))
 
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
@@ -267,6 +246,8 @@ class PhotonMaps:
         most = self._at_most(math.inf)
         made = self._within.begin_with(made, marks, growing.count, most)
         if self._begins is None:
+            if len(marks) > 0:
+                self._per_path = _PHOTONS_PER_PATH_IN_MEDIA
             begins = self._starts.by_light(self._seen, made, growing.count)
             self._within.learn(made, begins, growing.count, self._photons_of(1), most)
             self._begins = self._within.ready(begins)

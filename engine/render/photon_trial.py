@@ -17,8 +17,8 @@ from engine.array_types import Float32Array, Int32Array
 TRIED_PIXELS = 2048
 #: Photons take this much of the time of paths, and more where they are gathered; they must save more than that.
 _LEAST_GAIN = 1.15
-#: Within media, where all segments ask for photons: `volumetric_caustic` takes 1.35 times the time.
-_LEAST_GAIN_IN_MEDIA = 1.35
+#: Within media, where all segments ask for photons: `volumetric_caustic` takes 1.6 times the time.
+_LEAST_GAIN_IN_MEDIA = 1.5
 #: Share of pixels whose noise is left out, those with the most: single ones tell nothing of the others.
 _TRIMMED = 0.01
 #: Errors count relative to a pixel's value, and to this share of the mean.

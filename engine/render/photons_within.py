@@ -20,7 +20,6 @@ from engine.state.photons import (
     IS_WITHIN,
     MAP_MARKS,
     MAP_RADIUS,
-    MAP_SEGMENTS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_EXPECTED,
     MAP_TUBE_INVERSE_CELL,
@@ -89,7 +88,7 @@ class PhotonsWithin:
     """Marks of a render's maps, whose number and radius the first map tells."""
 
     def __init__(self) -> None:
-        self._marks, self._first_sent, self._segments = MARKS_AT_FIRST, 1, 1
+        self._marks, self._first_sent = MARKS_AT_FIRST, 1
         self._first_radius: float | None = None
 
     def ready(self, begins: PhotonMap) -> PhotonMap:
@@ -127,26 +126,10 @@ class PhotonsWithin:
         radius = _radius_of_neighbours(marks) * more ** (-1.0 / 3.0)
         self._first_radius = _first_radius(first, radius, farthest)
 
-    def thin_out(self, next_emitted: int, segments: int, farthest: float) -> None:
-        """Expect that many photons in the next map instead, and gather on one in so many segments from then on.
-
-        Parameters
-        ----------
-        farthest : float
-            Bound on the radius on surfaces [m].
-        """
-        assert self._first_radius is not None
-        as_full = self._first_radius * (self._first_sent / next_emitted) ** (1.0 / 3.0)
-        self._first_radius = max(min(as_full, _FARTHER * farthest), self._first_radius)
-        self._first_sent, self._segments = next_emitted, segments
-
     def add_to(self, photons: PhotonMap, marks: Float32Array, emitted: int, sent: int) -> PhotonMap:
         """Another map with its marks, `sent` photons having been sent off so far."""
         assert self._first_radius is not None
-        made = with_marks(photons, marks, emitted, self._first_radius * (sent / self._first_sent) ** _SHRINKS)
-        # The header is the map's own.
-        made.header[MAP_SEGMENTS] = self._segments
-        return made
+        return with_marks(photons, marks, emitted, self._first_radius * (sent / self._first_sent) ** _SHRINKS)
 
 
 def _first_radius(photons: PhotonMap, radius: float, farthest: float) -> float:

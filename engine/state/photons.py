@@ -54,8 +54,7 @@ MAP_IS_TRIED = 1  # `PhotonLanes.tried` is asked for
 MAP_ONE_IN = 2
 MAP_TUBE_BUCKETS = 3  # of the marks within media
 MAP_MARKS = 4  # that a photon draws on each of its segments within media
-MAP_SEGMENTS = 5  # of its segments within media a path gathers on one in so many, by chance
-MAP_HEADER_WIDTH = 6
+MAP_HEADER_WIDTH = 5
 
 # PhotonMap.numbers
 MAP_RADIUS = 0  # within which photons are gathered [m]; 0: there is no map
@@ -207,7 +206,7 @@ def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray
     """A map without photons, which are to begin with these densities."""
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
     header[MAP_BUCKETS], header[MAP_TUBE_BUCKETS] = 1, BLOCK_CELLS
-    header[MAP_MARKS], header[MAP_SEGMENTS] = MARKS_AT_FIRST, 1
+    header[MAP_MARKS] = MARKS_AT_FIRST
     return PhotonMap(
         header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),
         cumulative=np.zeros(0, np.float64) if cumulative is None else cumulative,

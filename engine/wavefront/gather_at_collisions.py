@@ -35,7 +35,6 @@ from engine.state.media import CHANNEL_WEIGHT, EXTINCTION, SCATTERING
 from engine.state.photons import (
     MAP_IS_TRIED,
     MAP_RADIUS,
-    MAP_SEGMENTS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_INVERSE_CELL,
     MAP_TUBE_RADIUS,
@@ -60,7 +59,7 @@ class _Segment(NamedTuple):
     share : float32, probability that the path collides on it
     radius, half : float32, of the cylinder, and half of its length [m]
     extinction : float32, `mean_extinction` [m^-1]
-    settled : float32, by what roulette multiplies what the path brings, and that it gathers on some segments only
+    settled : float32, by what roulette multiplies what the path brings
     chosen : int, which marks of TUBE_ONE_IN are gathered
     is_tried, splits : bool, whether a trial, or passes, ask for each mark
     """
@@ -146,15 +145,16 @@ def _carried(paths, sums, lane, c, t):
 
 
 @kernel
-def _segment_of(scene, work, lane, t, length, share, number, splits):
-    """A lane's `_Segment`; `number` decides by chance which marks are gathered."""
+def _segment_of(scene, work, lane, t, length, share, splits):
+    """A lane's `_Segment`."""
     paths, numbers = work.paths, scene.photons.numbers
     radius = numbers[MAP_TUBE_RADIUS]
-    settled = np.float32(scene.photons.header[MAP_SEGMENTS]) / min(paths.survival[lane], np.float32(1.0))
+    hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
+    chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % TUBE_ONE_IN
     return _Segment(
         np.float32(t), np.float32(length), np.float32(share), radius, np.float32(0.5 * TUBE_LENGTH) * radius,
         mean_extinction(paths.channels, work.media.coefficients),
-        settled, number % TUBE_ONE_IN,
+        np.float32(1.0) / min(paths.survival[lane], np.float32(1.0)), chosen,
         scene.photons.header[MAP_IS_TRIED] != 0, splits,
     )
 
@@ -290,7 +290,7 @@ def gather_at_collisions(scene, unit, work, queue):
         return
     options, paths, media, tried = scene.options, work.paths, work.media, work.photons.tried
     is_tried, splits = scene.photons.header[MAP_IS_TRIED] != 0, work.passes.parts.shape[0] > 0
-    lanes, lane_count, segments = queue.lanes, queue.count[0], scene.photons.header[MAP_SEGMENTS]
+    lanes, lane_count = queue.lanes, queue.count[0]
     for k in range(lane_count):
         lane = lanes[k]
         ahead = lane_ahead(lanes, k, lane_count)
@@ -305,10 +305,6 @@ def gather_at_collisions(scene, unit, work, queue):
             continue
         if not may_gather_within(scene, media, lane):
             continue
-        hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
-        number = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane])))
-        if number % segments != 0:
-            continue
         is_endless = paths.hit_instance[lane] < 0
         sum_coefficients(scene, paths, media, lane, lane, is_endless)
         length = INFINITY if is_endless else length_in_media(paths, media, lane)
@@ -321,7 +317,7 @@ def gather_at_collisions(scene, unit, work, queue):
         shows = splits and paths.depth[lane] == 0
         if shows:
             work.passes.is_volume[lane] = 1
-        _gather(scene, work, lane, _segment_of(scene, work, lane, t, length, share, number // segments, splits))
+        _gather(scene, work, lane, _segment_of(scene, work, lane, t, length, share, splits))
         if shows:
             work.passes.is_volume[lane] = 0
 

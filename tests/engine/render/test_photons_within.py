@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from engine.kernels.hash_grid import bucket_of, occupied_of_block
-from engine.render import photon_maps
-from engine.render.photon_maps import part_in_media
 from engine.render.photons_within import PhotonsWithin, part_marks, with_marks
 from engine.render.session import Session
 from engine.settings import RenderSettings
@@ -20,7 +18,6 @@ from engine.state.photons import (
     BLOCK_CELLS,
     IS_WITHIN,
     MAP_MARKS,
-    MAP_SEGMENTS,
     MAP_TUBE_BUCKETS,
     MAP_TUBE_EXPECTED,
     MAP_TUBE_INVERSE_CELL,
@@ -122,23 +119,6 @@ def test_marks_are_as_many_as_pay_and_radii_shrink_as_knaus_and_zwicker_say() ->
     assert made.numbers[MAP_TUBE_EXPECTED] == pytest.approx(2 * 8000 / 4 * 4.0 * np.pi * radii[0] ** 3, rel=1e-5)
 
 
-def test_a_map_of_fewer_photons_has_larger_cylinders_and_says_how_many_segments_gather() -> None:
-    within, marks = PhotonsWithin(), marks_at(np.random.default_rng(3).uniform(0.0, 1.0, (1000, 3)))
-    first = within.begin_with(begins(), marks, 4000, np.inf)
-    within.learn(first, begins(), 4000, 8000, np.inf)
-    whole = within.add_to(within.ready(begins()), marks, 8000, 8000)
-    within.thin_out(1000, 2, np.inf)
-    thin = within.add_to(within.ready(begins()), marks[:125], 1000, 1000)
-    assert (whole.header[MAP_SEGMENTS], thin.header[MAP_SEGMENTS]) == (1, 2)
-    # As many marks lie within both.
-    assert thin.numbers[MAP_TUBE_EXPECTED] == pytest.approx(whole.numbers[MAP_TUBE_EXPECTED], rel=1e-5)
-
-
-@pytest.mark.parametrize(("gain", "part"), [(1.4, (0.25, 2)), (2.0, (0.5, 1)), (10.0, (1.0, 1))])
-def test_media_get_fewer_photons_where_these_find_little(gain: float, part: tuple[float, int]) -> None:
-    assert part_in_media(gain) == part
-
-
 def test_a_first_map_without_marks_has_the_radius_of_surfaces() -> None:
     within, none = PhotonsWithin(), marks_at(np.zeros((0, 3)))
     bare = begins()
@@ -157,13 +137,6 @@ def test_fog_beside_a_mirror_is_lit_as_by_the_mirrored_lamp() -> None:
     )
     assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
     np.testing.assert_allclose(found.mean(axis=(0, 2)), expected.mean(axis=(0, 2)), rtol=0.05)
-
-
-def test_fog_is_as_bright_where_few_segments_gather_few_photons(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(photon_maps, "part_in_media", lambda gain: (0.25, 4))
-    found = pictures(mirror_in_fog(), range(4), samples=256, caustics="AUTO")[:, :9]
-    expected = pictures(mirrored_in_fog(), range(4), samples=256)[:, :9]
-    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
 
 
 @pytest.mark.parametrize(
