@@ -2,7 +2,7 @@
 """Which meshes enclose a space: only what is within it meets them from the other side.
 
 Over a closed surface the integral of x_i n_j is the volume where i = j, and 0 elsewhere (divergence theorem). So no
-edge has to be looked at: neither vertices that lie on each other nor a hole far smaller than the mesh make a difference.
+edge has to be looked at. Vertices that lie on each other, or a hole far smaller than the mesh, make no difference.
 """
 
 from __future__ import annotations

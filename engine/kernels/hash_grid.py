@@ -12,6 +12,8 @@ from engine.runtime.jit import kernel
 
 #: Cells further out than this share the outermost: far coordinates must stay integers.
 _FARTHEST = np.float32(1e9)
+#: Cells of a block along an axis are two to this power.
+BLOCK_BITS = 2
 
 
 @kernel
@@ -26,16 +28,28 @@ def cell_of(p, inverse_cell):
 
 
 @kernel
+def first_of_block(x, y, z, part, mask):
+    """Bucket of the first cell of a block, all of whose cells are counted in blocks."""
+    block = x * np.int64(73856093) ^ y * np.int64(19349663) ^ z * np.int64(83492791)
+    return (block ^ part * np.int64(39916801)) << 6 & mask
+
+
+@kernel
+def place_in_block(x, y, z):
+    """Which of its block's cells a cell is, in [0, 64)."""
+    small = x & 1 | (y & 1) << 1 | (z & 1) << 2
+    return (x & 2) << 2 | (y & 2) << 3 | (z & 2) << 4 | small
+
+
+@kernel
 def bucket_of(x, y, z, part, mask):
     """Bucket of a part of a cell; `mask` is their number, a power of two, less 1.
 
     Cells of a block of 4 x 4 x 4 lie next to each other, those of 2 x 2 x 2 too, since who asks for one asks for its
     neighbours.
     """
-    block = (x >> 2) * np.int64(73856093) ^ (y >> 2) * np.int64(19349663) ^ (z >> 2) * np.int64(83492791)
-    block ^= part * np.int64(39916801)
-    small = x & 1 | (y & 1) << 1 | (z & 1) << 2
-    return (block << 6 | (x & 2) << 2 | (y & 2) << 3 | (z & 2) << 4 | small) & mask
+    block = first_of_block(x >> BLOCK_BITS, y >> BLOCK_BITS, z >> BLOCK_BITS, part, mask)
+    return block | place_in_block(x, y, z) & mask
 
 
 @kernel
@@ -67,3 +81,31 @@ def sort_into_buckets(positions, parts, inverse_cell, mask, starts, order):
     for bucket in range(mask + 1):
         starts[bucket] = starts[bucket + 1]
     starts[mask + 1] = count
+
+
+@kernel
+def note_occupied(starts, bucket_count):
+    """Say by a bit behind `starts` which buckets hold something.
+
+    Parameters
+    ----------
+    starts : int32, `engine.state.photons.bucket_starts`, as `sort_into_buckets` has filled them
+    bucket_count : int, B, a multiple of BLOCK_CELLS
+    """
+    for bucket in range(bucket_count):
+        if starts[bucket + 1] > starts[bucket]:
+            starts[bucket_count + 1 + (bucket >> 5)] |= np.int32(np.int64(1) << (bucket & 31))
+
+
+@kernel
+def occupied_of_block(starts, bucket_count, first):
+    """Which cells of a block hold something, by `place_in_block`: the bits of an int64.
+
+    Parameters
+    ----------
+    starts, bucket_count
+        As `note_occupied` leaves them.
+    first : int, `first_of_block`
+    """
+    word = bucket_count + 1 + (first >> 5)
+    return np.int64(starts[word]) & np.int64(0xFFFFFFFF) | np.int64(starts[word + 1]) << 32

@@ -45,7 +45,8 @@ from engine.state.photons import (
 
 #: Photons for each path that goes by their map, and least and most of a map. The first map has fewer, since a trial may
 #: find that none are worth their time.
-_PHOTONS_PER_PATH = 1.0
+#: Where there are marks within media, half as many do: each leaves several.
+_PHOTONS_PER_PATH, _PHOTONS_PER_PATH_IN_MEDIA = 1.0, 0.5
 _FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
@@ -181,6 +182,8 @@ class PhotonMaps:
         #: Photons of that map in one of its discs.
         self._neighbours = 0.0
         self._within = PhotonsWithin()
+        #: Photons for each path, of all maps but the first.
+        self._per_path = _PHOTONS_PER_PATH
         self._seen = np.zeros(0, np.float32)
         self._pixel_radius: float | None = None
         self._changed = threading.Condition()
@@ -216,8 +219,8 @@ class PhotonMaps:
 
     def _photons_of(self, number: int) -> int:
         _, samples = samples_of_map(number, self._divisions)
-        most = _MOST if number > 0 else _MOST_AT_FIRST
-        return int(min(max(_PHOTONS_PER_PATH * self._pixel_count * samples, _FEWEST), most))
+        most, per_path = (_MOST, self._per_path) if number > 0 else (_MOST_AT_FIRST, _PHOTONS_PER_PATH)
+        return int(min(max(per_path * self._pixel_count * samples, _FEWEST), most))
 
     def _begin(self, number: int) -> _Growing:
         first = sum(self._photons_of(before) for before in range(number))
@@ -280,6 +283,8 @@ class PhotonMaps:
         most = self._at_most(math.inf)
         made = self._within.begin_with(made, marks, growing.count, most)
         if self._begins is None:
+            if len(marks) > 0:
+                self._per_path = _PHOTONS_PER_PATH_IN_MEDIA
             begins = self._starts.by_light(self._seen, made, growing.count)
             self._within.learn(made, begins, growing.count, self._photons_of(1), most)
             self._begins = self._within.ready(begins)

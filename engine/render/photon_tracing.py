@@ -113,7 +113,9 @@ class PhotonTracing:
             sample,
             lambda begins, first, count: _send_off(batch, begins, first, count, arguments_of, loop),
             look,
-            lambda shown: photons_pay(self._region, self._seed, _trial(batch, shown, arguments_of, trace)),
+            lambda shown: photons_pay(
+                self._region, self._seed, _trial(batch, shown, arguments_of, trace), has_marks=len(shown.within) > 0
+            ),
         )
 
 

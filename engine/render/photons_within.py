@@ -13,9 +13,10 @@ import math
 import numpy as np
 
 from engine.array_types import Float32Array, FloatArray
-from engine.kernels.hash_grid import sort_into_buckets
+from engine.kernels.hash_grid import note_occupied, sort_into_buckets
 from engine.render.photon_radius import squared_distances
 from engine.state.photons import (
+    BLOCK_CELLS,
     IS_WITHIN,
     MAP_MARKS,
     MAP_RADIUS,
@@ -32,11 +33,14 @@ from engine.state.photons import (
     TUBE_LENGTH,
     TUBE_ONE_IN,
     PhotonMap,
+    bucket_starts,
 )
 
 #: Marks that maps have for each photon that is sent off, and most that a photon draws on a segment.
 #: Threads have room for that many of all photons that they send off at a time, since no photon collides twice.
 _MARKS_PER_PHOTON, _MOST_MARKS = 0.5, 16
+#: Few marks share a bucket with those of another place.
+_BUCKETS_PER_MARK = 4
 #: Marks within the first cylinder, of how many that is asked, and its bound over that of surfaces.
 _FIRST_NEIGHBOURS, _ASKED, _FARTHER = 4, 256, 2.0
 #: To which power of the number of photons the radius shrinks: (alpha - 1) / 3.
@@ -66,14 +70,15 @@ def with_marks(photons: PhotonMap, marks: Float32Array, emitted: int, radius: fl
     radius : float [m]
     """
     header, numbers = photons.header.copy(), photons.numbers.copy()
-    buckets = 1 << max(len(marks) - 1, 1).bit_length()
+    buckets = max(1 << max(_BUCKETS_PER_MARK * len(marks) - 1, 1).bit_length(), BLOCK_CELLS)
     header[MAP_TUBE_BUCKETS] = buckets
     numbers[MAP_TUBE_RADIUS], numbers[MAP_TUBE_INVERSE_CELL] = radius, 1.0 / (2.0 * radius)
     tube = TUBE_LENGTH * math.pi * radius**3
     numbers[MAP_TUBE_EXPECTED] = emitted * float(header[MAP_MARKS]) * tube / TUBE_ONE_IN
     numbers[MAP_TUBE_SCALE] = 1.0 / numbers[MAP_TUBE_EXPECTED]
-    starts, order = np.zeros(buckets + 1, np.int32), np.zeros(len(marks), np.int32)
+    starts, order = bucket_starts(buckets), np.zeros(len(marks), np.int32)
     sort_into_buckets(marks, np.zeros(len(marks), np.int64), numbers[MAP_TUBE_INVERSE_CELL], buckets - 1, starts, order)
+    note_occupied(starts, buckets)
     return photons._replace(
         header=header, numbers=numbers, starts_within=starts, within=np.ascontiguousarray(marks[order])
     )

@@ -79,6 +79,10 @@ TUBE_LENGTH = 4
 #: Of the marks in a cylinder a path gathers one in so many.
 TUBE_ONE_IN = 4
 
+#: Cells of a block of a grid, whose buckets are in a row.
+BLOCK_CELLS = 64
+_WORD_BITS = 32
+
 #: MAP_MARKS while nothing tells how many pay.
 MARKS_AT_FIRST = 4
 
@@ -131,7 +135,9 @@ class PhotonMap(Bundle):
     starts : int32 (H + 1,), first photon of each bucket
     places : float32 (P, 3), where they have arrived, which is asked for most
     photons : float32 (P, `photon_width`)
-    starts_within : int32 (K + 1,); within : float32 (M, as `photons`)
+    starts_within : int32 (K + 1 + K / 32,), behind the first mark of each bucket a bit for each that holds any
+        (`engine.kernels.hash_grid.note_occupied`)
+    within : float32 (M, as `photons`)
     """
 
     _dynamic = frozenset({"photons", "within"})
@@ -182,6 +188,11 @@ def allocate_photon_lanes(
     return allocate(PhotonLanes, sizes)
 
 
+def bucket_starts(bucket_count: int) -> Int32Array:
+    """Zeros for the first mark of each bucket, of a multiple of BLOCK_CELLS, and bits of which hold any."""
+    return np.zeros(bucket_count + 1 + bucket_count // _WORD_BITS, np.int32)
+
+
 def no_casters(lights: LightArrays) -> CasterArrays:
     """`CasterArrays` of scenes without photons."""
     return CasterArrays(
@@ -193,12 +204,12 @@ def no_casters(lights: LightArrays) -> CasterArrays:
 def no_photons(place_density: Float32Array | None = None, cumulative: FloatArray | None = None) -> PhotonMap:
     """A map without photons, which are to begin with these densities."""
     header = np.zeros(MAP_HEADER_WIDTH, np.int64)
-    header[MAP_BUCKETS] = header[MAP_TUBE_BUCKETS] = 1
+    header[MAP_BUCKETS], header[MAP_TUBE_BUCKETS] = 1, BLOCK_CELLS
     header[MAP_MARKS] = MARKS_AT_FIRST
     return PhotonMap(
         header=header, numbers=np.zeros(MAP_NUMBERS, np.float32),
         cumulative=np.zeros(0, np.float64) if cumulative is None else cumulative,
         place_density=np.zeros(0, np.float32) if place_density is None else place_density, starts=np.zeros(2, np.int32),
         places=np.zeros((0, 3), np.float32), photons=np.zeros((0, PHOTON_WIDTH), np.float32),
-        starts_within=np.zeros(2, np.int32), within=np.zeros((0, PHOTON_WIDTH), np.float32),
+        starts_within=bucket_starts(BLOCK_CELLS), within=np.zeros((0, PHOTON_WIDTH), np.float32),
     )  # fmt: skip

@@ -11,6 +11,7 @@ takes a part of each segment by chance; Georgiev et al. 2012, Eq. (7); Knaus and
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from engine.kernels.clamping import clamped_share, found_alone
 from engine.kernels.collision import set_lobes
 from engine.kernels.constants import INFINITY
 from engine.kernels.gathered_photons import is_of_path, note_found
-from engine.kernels.hash_grid import bucket_of, cell_of
+from engine.kernels.hash_grid import BLOCK_BITS, cell_of, first_of_block, occupied_of_block, place_in_block
 from engine.kernels.media import emitted_length, length_in_media, sum_coefficients, transmittance, weigh_channels
 from engine.kernels.path import real_3
 from engine.kernels.photons_within import may_gather_within, mean_extinction, name_of_medium, ratio_within
@@ -49,6 +50,30 @@ from engine.state.photons import (
 )
 
 _SUBSET_SEED = np.uint32(0x1B56C4E9)
+
+
+class _Segment(NamedTuple):
+    """A segment within media, and the cylinder about a place of it.
+
+    t : float32, of the middle of the cylinder [m]; length : float32, of the segment [m]
+    share : float32, probability that the path collides on it
+    radius, half : float32, of the cylinder, and half of its length [m]
+    extinction : float32, `mean_extinction` [m^-1]
+    settled : float32, by what roulette multiplies what the path brings
+    chosen : int, which marks of TUBE_ONE_IN are gathered
+    is_tried, splits : bool, whether a trial, or passes, ask for each mark
+    """
+
+    t: np.float32
+    length: np.float32
+    share: np.float32
+    radius: np.float32
+    half: np.float32
+    extinction: np.float32
+    settled: np.float32
+    chosen: np.int64
+    is_tried: bool
+    splits: bool
 
 
 @kernel
@@ -120,79 +145,133 @@ def _carried(paths, sums, lane, c, t):
 
 
 @kernel
-def _gather(scene, work, lane, t, length, share, splits):
-    """Add what marks bring that lie within the cylinder about a lane's segment, around a place that was drawn.
+def _segment_of(scene, work, lane, t, length, share, splits):
+    """A lane's `_Segment`."""
+    paths, numbers = work.paths, scene.photons.numbers
+    radius = numbers[MAP_TUBE_RADIUS]
+    hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
+    chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % TUBE_ONE_IN
+    return _Segment(
+        np.float32(t), np.float32(length), np.float32(share), radius, np.float32(0.5 * TUBE_LENGTH) * radius,
+        mean_extinction(paths.channels, work.media.coefficients),
+        np.float32(1.0) / min(paths.survival[lane], np.float32(1.0)), chosen,
+        scene.photons.header[MAP_IS_TRIED] != 0, splits,
+    )
+
+
+@kernel
+def _gather_mark(scene, work, lane, row, segment, along, has_lobes):
+    """What a mark brings that lies within the cylinder: three channels of light, 0 where it is not the path's.
 
     A mark counts as its own place on the segment does, over the probability with which the cylinder has it: along the
     segment nothing is blurred, nor lost at its ends.
+
+    Parameters
+    ----------
+    segment : _Segment
+    along : float32, of the mark from the middle of the cylinder [m]
+    has_lobes : bool, whether the lane's closures are the medium's
     """
     grid, closures, paths, media = scene.photons, work.closures, work.paths, work.media
     photons, numbers, f_cos, sums = grid.within, grid.numbers, work.f_cos, work.media.coefficients
-    radius, inverse_cell = numbers[MAP_TUBE_RADIUS], numbers[MAP_TUBE_INVERSE_CELL]
-    squared, is_tried = radius * radius, grid.header[MAP_IS_TRIED] != 0
-    half = np.float32(0.5 * TUBE_LENGTH) * radius
+    if not has_lobes:
+        set_lobes(scene, closures, media, lane)
+    nothing = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
+    wi = (photons[row, PHOTON_WI], photons[row, PHOTON_WI + 1], photons[row, PHOTON_WI + 2])
+    pdf = eval_phases(closures, lane, negate(load(paths.direction, lane)), wi, f_cos, lane)
+    if not pdf > 0.0:
+        return nothing
+    at, half = segment.t + along, segment.half
+    start, end = max(at - half, np.float32(0.0)), min(at + half, segment.length)
+    reached = _draws_between(paths.channels, sums, start, end)
+    if not reached > 0.0:
+        return nothing
+    ratio = ratio_within(numbers, segment.extinction, pdf, segment.share)
+    expected = expected_photons(ratio, photons[row, PHOTON_DENSITY], numbers)
+    # The cylinder is twice that long.
+    alone = numbers[MAP_TUBE_SCALE] * segment.settled * np.float32(2.0) * half / reached
+    factor = alone * expected / (np.float32(1.0) + expected)
+    values = (
+        factor * _carried(paths, sums, lane, 0, at) * f_cos[lane, 0] * photons[row, PHOTON_POWER],
+        factor * _carried(paths, sums, lane, 1, at) * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1],
+        factor * _carried(paths, sums, lane, 2, at) * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2],
+    )
+    if segment.is_tried or segment.splits:
+        f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = values
+    if segment.is_tried:
+        note_found(scene, work, lane, alone / factor, expected)
+    if segment.splits:
+        _add(scene.options, work, lane, np.int64(photons[row, PHOTON_GROUP]))
+        return nothing
+    return values
+
+
+@kernel
+def _gather_cell(scene, work, lane, cell, bucket, p, segment, has_lobes):
+    """What the marks of a cell bring that lie within the cylinder: three channels, and whether there is any."""
+    grid, paths = scene.photons, work.paths
+    photons, inverse_cell, direction = grid.within, grid.numbers[MAP_TUBE_INVERSE_CELL], load(paths.direction, lane)
+    radius, half, medium = segment.radius, segment.half, name_of_medium(work.media, lane)
+    sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    first, last = np.int64(grid.starts_within[bucket]), np.int64(grid.starts_within[bucket + 1])
+    for row in range(first + (segment.chosen - first) % TUBE_ONE_IN, last, TUBE_ONE_IN):
+        q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
+        dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        along = dx * direction[0] + dy * direction[1] + dz * direction[2]
+        if abs(along) > half or dx * dx + dy * dy + dz * dz - along * along > radius * radius:
+            continue
+        if not 0.0 < segment.t + along < segment.length:
+            continue
+        if cell_of(q, inverse_cell) != cell:
+            # Another cell that shares the bucket.
+            continue
+        if photons[row, PHOTON_MEDIUM] != medium or not is_of_path(scene.options, paths, lane, photons, row):
+            continue
+        value0, value1, value2 = _gather_mark(scene, work, lane, row, segment, along, has_lobes)
+        has_lobes = True
+        sum0 += value0
+        sum1 += value1
+        sum2 += value2
+    return sum0, sum1, sum2, has_lobes
+
+
+@kernel
+def _gather(scene, work, lane, segment):
+    """Add what marks bring that lie within the cylinder about a lane's segment, around a place that was drawn.
+
+    Most have none near them: what blocks of cells hold any is asked first.
+    """
+    grid, paths, f_cos = scene.photons, work.paths, work.f_cos
+    inverse_cell, buckets = grid.numbers[MAP_TUBE_INVERSE_CELL], grid.header[MAP_TUBE_BUCKETS]
     direction = load(paths.direction, lane)
-    p, wo = add(load(paths.origin, lane), scale(direction, t)), negate(direction)
-    extinction, medium = mean_extinction(paths.channels, sums), name_of_medium(media, lane)
-    mask = grid.header[MAP_TUBE_BUCKETS] - 1
-    hashed = hash_combine(paths.rng[lane] ^ _SUBSET_SEED, np.uint32(paths.sample[lane]))
-    chosen = np.int64(hash_combine(hashed, np.uint32(paths.dimension[lane]))) % TUBE_ONE_IN
-    settled = np.float32(1.0) / min(paths.survival[lane], np.float32(1.0))
-    has_lobes = False
+    p = add(load(paths.origin, lane), scale(direction, segment.t))
     ex, ey, ez = (
-        _extent(direction[0], half, radius), _extent(direction[1], half, radius), _extent(direction[2], half, radius)
+        _extent(direction[0], segment.half, segment.radius), _extent(direction[1], segment.half, segment.radius),
+        _extent(direction[2], segment.half, segment.radius),
     )  # fmt: skip
     x0, y0, z0 = cell_of((p[0] - ex, p[1] - ey, p[2] - ez), inverse_cell)
     x1, y1, z1 = cell_of((p[0] + ex, p[1] + ey, p[2] + ez), inverse_cell)
-    width, area = x1 - x0 + 1, (x1 - x0 + 1) * (y1 - y0 + 1)
-    sum0, sum1, sum2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    for cell in range(area * (z1 - z0 + 1)):
-        x, y, z = x0 + cell % width, y0 + cell % area // width, z0 + cell // area
-        bucket = bucket_of(x, y, z, 0, mask)
-        first, last = np.int64(grid.starts_within[bucket]), np.int64(grid.starts_within[bucket + 1])
-        for row in range(first + (chosen - first) % TUBE_ONE_IN, last, TUBE_ONE_IN):
-            q = (photons[row, PHOTON_P], photons[row, PHOTON_P + 1], photons[row, PHOTON_P + 2])
-            dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-            along = dx * direction[0] + dy * direction[1] + dz * direction[2]
-            if abs(along) > half or dx * dx + dy * dy + dz * dz - along * along > squared:
-                continue
-            at = t + along
-            if not 0.0 < at < length:
-                continue
-            if cell_of(q, inverse_cell) != (x, y, z):
-                # Another cell that shares the bucket.
-                continue
-            if photons[row, PHOTON_MEDIUM] != medium or not is_of_path(scene.options, paths, lane, photons, row):
-                continue
-            if not has_lobes:
-                set_lobes(scene, closures, media, lane)
-                has_lobes = True
-            wi = (photons[row, PHOTON_WI], photons[row, PHOTON_WI + 1], photons[row, PHOTON_WI + 2])
-            pdf = eval_phases(closures, lane, wo, wi, f_cos, lane)
-            if not pdf > 0.0:
-                continue
-            expected = expected_photons(
-                ratio_within(numbers, extinction, pdf, share), photons[row, PHOTON_DENSITY], numbers
-            )
-            reached = _draws_between(paths.channels, sums, max(at - half, 0.0), min(at + half, length))
-            if not reached > 0.0:
-                continue
-            alone = numbers[MAP_TUBE_SCALE] * settled * np.float32(TUBE_LENGTH) * radius / reached
-            factor = alone * expected / (np.float32(1.0) + expected)
-            value0 = factor * _carried(paths, sums, lane, 0, at) * f_cos[lane, 0] * photons[row, PHOTON_POWER]
-            value1 = factor * _carried(paths, sums, lane, 1, at) * f_cos[lane, 1] * photons[row, PHOTON_POWER + 1]
-            value2 = factor * _carried(paths, sums, lane, 2, at) * f_cos[lane, 2] * photons[row, PHOTON_POWER + 2]
-            if is_tried:
-                f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
-                note_found(scene, work, lane, alone / factor, expected)
-            if splits:
-                f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = value0, value1, value2
-                _add(scene.options, work, lane, np.int64(photons[row, PHOTON_GROUP]))
-            else:
-                sum0 += value0
-                sum1 += value1
-                sum2 += value2
-    if not splits and sum0 + sum1 + sum2 > 0.0 and math.isfinite(sum0 + sum1 + sum2):
+    sum0, sum1, sum2, has_lobes = np.float32(0.0), np.float32(0.0), np.float32(0.0), False
+    for bz in range(z0 >> BLOCK_BITS, (z1 >> BLOCK_BITS) + 1):
+        for by in range(y0 >> BLOCK_BITS, (y1 >> BLOCK_BITS) + 1):
+            for bx in range(x0 >> BLOCK_BITS, (x1 >> BLOCK_BITS) + 1):
+                block = first_of_block(bx, by, bz, 0, buckets - 1)
+                occupied = occupied_of_block(grid.starts_within, buckets, block)
+                if occupied == 0:
+                    continue
+                for z in range(max(z0, bz << BLOCK_BITS), min(z1 + 1, (bz + 1) << BLOCK_BITS)):
+                    for y in range(max(y0, by << BLOCK_BITS), min(y1 + 1, (by + 1) << BLOCK_BITS)):
+                        for x in range(max(x0, bx << BLOCK_BITS), min(x1 + 1, (bx + 1) << BLOCK_BITS)):
+                            place = place_in_block(x, y, z)
+                            if occupied >> place & 1 == 0:
+                                continue
+                            value0, value1, value2, has_lobes = _gather_cell(
+                                scene, work, lane, (x, y, z), block + place, p, segment, has_lobes
+                            )
+                            sum0 += value0
+                            sum1 += value1
+                            sum2 += value2
+    if sum0 + sum1 + sum2 > 0.0 and math.isfinite(sum0 + sum1 + sum2):
         f_cos[lane, 0], f_cos[lane, 1], f_cos[lane, 2] = sum0, sum1, sum2
         _add(scene.options, work, lane, -1)
 
@@ -238,7 +317,7 @@ def gather_at_collisions(scene, unit, work, queue):
         shows = splits and paths.depth[lane] == 0
         if shows:
             work.passes.is_volume[lane] = 1
-        _gather(scene, work, lane, t, length, share, splits)
+        _gather(scene, work, lane, _segment_of(scene, work, lane, t, length, share, splits))
         if shows:
             work.passes.is_volume[lane] = 0
 

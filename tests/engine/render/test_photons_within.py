@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.kernels.hash_grid import bucket_of
+from engine.kernels.hash_grid import bucket_of, occupied_of_block
 from engine.render.photons_within import PhotonsWithin, part_marks, with_marks
 from engine.render.session import Session
 from engine.settings import RenderSettings
 from engine.state.photons import (
+    BLOCK_CELLS,
     IS_WITHIN,
     MAP_MARKS,
     MAP_TUBE_BUCKETS,
@@ -84,11 +85,17 @@ def test_a_map_holds_each_mark_once_in_the_bucket_of_its_cell() -> None:
     marks = marks_at(np.random.default_rng(1).uniform(-3.0, 3.0, (500, 3)))
     grid = with_marks(begins(), marks, 1000, 0.25)
     assert sorted(map(tuple, grid.within)) == sorted(map(tuple, marks))
-    starts, mask = grid.starts_within, int(grid.header[MAP_TUBE_BUCKETS]) - 1
+    mask = int(grid.header[MAP_TUBE_BUCKETS]) - 1
+    starts = grid.starts_within[: mask + 2]
     assert starts[0] == 0 and starts[-1] == 500 and (np.diff(starts) >= 0).all()
     cells = np.floor(grid.within[:, PHOTON_P : PHOTON_P + 3] * grid.numbers[MAP_TUBE_INVERSE_CELL]).astype(np.int64)
     buckets = [bucket_of(*(np.int64(i) for i in cell), np.int64(0), np.int64(mask)) for cell in cells]
     assert (np.searchsorted(starts, np.arange(500), side="right") - 1 == buckets).all()
+    # Of each block's cells it is known which hold any.
+    places = np.arange(BLOCK_CELLS)
+    for first in range(0, mask + 1, BLOCK_CELLS):
+        word = occupied_of_block(grid.starts_within, mask + 1, first)
+        np.testing.assert_array_equal(word >> places & 1, np.diff(starts)[first : first + BLOCK_CELLS] > 0)
 
 
 def test_marks_are_as_many_as_pay_and_radii_shrink_as_knaus_and_zwicker_say() -> None:
