@@ -24,7 +24,7 @@ from tests.helpers.waiting import wait_until
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and locks")
 #: A second of work, by one thread.
-SAMPLES = 1500
+SAMPLES = 800
 #: Renders frame 1 of a file as `blender -b scene.blend -f 1` does, with a checkpoint many times a second.
 BLENDER = """
 import sys

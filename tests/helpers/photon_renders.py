@@ -12,38 +12,44 @@ import numpy as np
 from engine.render import photon_radius
 from engine.render.session import Session
 from engine.scene.description import SceneDescription
+from engine.scene.digest import scene_digest
 from engine.settings import RenderSettings
 from tests.helpers.seeded_renders import Z_LIMIT
+
+#: Pictures that were rendered, by all that they depend on: several tests compare with the same.
+_rendered: dict[tuple[Any, ...], np.ndarray] = {}
 
 
 def pictures(
     scene: SceneDescription, caustics: str, seeds: Iterable[int] = range(4), shown: str = "Combined",
     neighbours: int = 3, **settings,
 ) -> np.ndarray:
-    """A pass of each seed, float32 (S, height, width, 3).
+    """A pass of each seed, float32 (S, height, width, 3). The same is rendered once in a run of the tests.
 
     Parameters
     ----------
     neighbours : int
         Photons within a disc, at most: few, since such small pictures show what large discs blur.
     """
-    with mock.patch.object(photon_radius, "MOST_NEIGHBOURS", neighbours):
-        return _pictures(scene, caustics, seeds, shown, settings)
-
-
-def _pictures(
-    scene: SceneDescription, caustics: str, seeds: Iterable[int], shown: str, settings: dict[str, Any]
-) -> np.ndarray:
+    chosen = {"caustics": caustics, "samples": 256, "threads": 1, "filter_glossy": 0.0} | settings
+    # Paths have no neighbours.
+    known = scene_digest(scene), shown, neighbours * (caustics != "PATHS"), tuple(sorted(chosen.items()))
     found = []
-    for seed in seeds:
-        chosen = {"samples": 256, "threads": 1, "filter_glossy": 0.0} | settings
-        session = Session(RenderSettings(seed=seed, caustics=caustics, **chosen))
-        session.load(scene)
-        result = session.render(passes=["Combined", shown])
-        session.close()
-        assert not any(notice.subject == "Caustics by photons" for notice in result.report.notices)
-        found.append(result.passes[shown][..., :3])
+    with mock.patch.object(photon_radius, "MOST_NEIGHBOURS", neighbours):
+        for seed in seeds:
+            if (seed, *known) not in _rendered:
+                _rendered[seed, *known] = _picture(scene, shown, {"seed": seed} | chosen)
+            found.append(_rendered[seed, *known])
     return np.stack(found)
+
+
+def _picture(scene: SceneDescription, shown: str, settings: dict[str, Any]) -> np.ndarray:
+    session = Session(RenderSettings(**settings))
+    session.load(scene)
+    result = session.render(passes=["Combined", shown])
+    session.close()
+    assert not any(notice.subject == "Caustics by photons" for notice in result.report.notices)
+    return result.passes[shown][..., :3]
 
 
 def assert_same_light(a: np.ndarray, b: np.ndarray, bound: float) -> None:

@@ -3,11 +3,12 @@
 
 import copy
 import dataclasses
+import functools
 import inspect
 import itertools
 import tempfile
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -529,6 +530,35 @@ def test_each_field_of_the_description_has_an_entry() -> None:
     assert names >= UNSEEN
 
 
+class Fresh(NamedTuple):
+    """What a session that has kept nothing makes of a scene."""
+
+    scene: Scene
+    notices: list[Notice]
+    passes: dict[str, Any]
+
+
+def _fresh(description: SceneDescription) -> Fresh:
+    fresh = Session(_SETTINGS)
+    notices = fresh.load(description)
+    scene = fresh.scene
+    assert scene is not None
+    found = Fresh(scene, notices, fresh.render(passes=("Combined", "Depth")).passes)
+    fresh.close()
+    return found
+
+
+@functools.cache
+def _fresh_original() -> Fresh:
+    """Of what all changes are made to."""
+    return _fresh(_original())
+
+
+@functools.cache
+def _built_original() -> Scene:
+    return build_scene(_original(), _SETTINGS, SceneCache(), threads=1)
+
+
 @pytest.fixture(scope="module")
 def session() -> Session:
     return Session(_SETTINGS)
@@ -545,22 +575,18 @@ def session() -> Session:
 def test_what_was_kept_is_what_would_be_built(field: str, change: Change, session: Session) -> None:
     """Forward, and back again: the second way shows what the first left behind."""
     session.load(_original())
-    for make in (lambda: _changed(change), _original):
-        fresh = Session(_SETTINGS)
-        expected_notices = fresh.load(make())
-        notices = session.load(make())
-        assert _different(session.scene, fresh.scene) == []  # type: ignore[arg-type]
-        assert notices == expected_notices
+    for description, expected in ((_changed(change), _fresh(_changed(change))), (_original(), _fresh_original())):
+        notices = session.load(description)
+        assert session.scene is not None and _different(session.scene, expected.scene) == []
+        assert notices == expected.notices
         image = session.render(passes=("Combined", "Depth")).passes
-        expected = fresh.render(passes=("Combined", "Depth")).passes
-        assert all(np.array_equal(image[name], expected[name], equal_nan=True) for name in expected)
-        fresh.close()
+        assert all(np.array_equal(image[name], expected.passes[name], equal_nan=True) for name in expected.passes)
 
 
 @pytest.mark.parametrize("field", sorted(set(CHANGES) - UNSEEN))
 def test_changes_show(field: str) -> None:
     """A field whose changes nothing shows would test nothing."""
-    original = build_scene(_original(), _SETTINGS, SceneCache(), threads=1)
+    original = _built_original()
     shown = []
     for change in CHANGES[field]:
         description = _changed(change)

@@ -108,6 +108,7 @@ def test_added_light_is_white_and_comes_at_every_bounce() -> None:
     assert all_of_them.mean() > 1.02 * first.mean()
 
 
+@pytest.mark.slow  # compiles stages for wavelengths
 @pytest.mark.parametrize(("fast_gi", "expected"), [(FastGi(1, 0.3), 0.3), (FastGi(added=0.7), 1.7)])
 def test_it_is_the_same_with_wavelengths(fast_gi: FastGi, expected: float) -> None:
     colors = [material(color=(0.6, 0.3, 0.1))]

@@ -14,8 +14,11 @@ from tests.helpers.linked_lights import no_linking
 from tests.helpers.photon_renders import assert_same_light, pictures
 
 pytestmark = pytest.mark.estimator
+#: Kernels of links are kernels of their own, which take half a minute to compile.
+with_links = pytest.mark.slow
 
 
+@with_links
 @pytest.mark.parametrize("passes", [1, 2])
 def test_light_comes_through_what_casts_no_shadow_in_it(passes: int) -> None:
     """A screen between lamp and water, or the water itself, is no blocker."""
@@ -25,12 +28,14 @@ def test_light_comes_through_what_casts_no_shadow_in_it(passes: int) -> None:
     assert by_photons.mean() > 1.1 * pictures(screened_water(None), "PHOTONS", [1]).mean()
 
 
+@with_links
 @pytest.mark.parametrize("roughness", [0.0, 0.2])
 def test_glowing_meshes_with_blockers_are_the_photons_own(roughness: float) -> None:
     by_photons, by_paths = (pictures(lit_by_a_mesh(roughness), caustics) for caustics in ("PHOTONS", "PATHS"))
     assert_same_light(by_photons, by_paths, 0.02)
 
 
+@with_links
 def test_the_caster_decides_by_which_lamps_it_is_lit() -> None:
     """As paths do: behind glass they find what lights the glass."""
     scene = water_scene()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from engine.kernels.hash_grid import bucket_of, occupied_of_block
+from engine.render.photon_radius import MOST_NEIGHBOURS
 from engine.render.photons_within import PhotonsWithin, part_marks, with_marks
 from engine.render.session import Session
 from engine.settings import RenderSettings
@@ -31,21 +32,27 @@ from engine.state.photons import (
 )
 from tests.helpers.light_sums import LOBES, sum_of_passes
 from tests.helpers.misty_scenes import milk_in_glass, milk_in_open_glass, mirror_in_fog, mirrored_in_fog, water_in_fog
+from tests.helpers.photon_renders import pictures as by_caustics
 
 pytestmark = pytest.mark.estimator
 
+#: So many bounces that most light is found.
+LIMITS = {"volume_bounces": 8, "max_bounces": 16}
 
-def render(scene, samples=16, seed=1, threads=1, passes=("Combined",), **settings):
-    chosen = {"caustics": "PHOTONS", "filter_glossy": 0.0, "volume_bounces": 8, "max_bounces": 16} | settings
-    session = Session(RenderSettings(samples=samples, seed=seed, threads=threads, **chosen))
+
+def render(scene, samples=16, threads=1, passes=("Combined",), **settings):
+    chosen = {"caustics": "PHOTONS", "filter_glossy": 0.0} | LIMITS | settings
+    session = Session(RenderSettings(samples=samples, threads=threads, **chosen))
     session.load(scene)
     result = session.render(passes=passes)
     session.close()
     return result.passes
 
 
-def pictures(scene, seeds, **settings):
-    return np.stack([render(scene, seed=seed, **settings)["Combined"][..., :3].mean(axis=-1) for seed in seeds])
+def pictures(scene, seeds, caustics="PHOTONS", **settings):
+    """Grey ones, with as many neighbours as renders have."""
+    chosen = LIMITS | settings
+    return by_caustics(scene, caustics, seeds, neighbours=MOST_NEIGHBOURS, **chosen).mean(axis=-1)
 
 
 def assert_alike(scene, seeds=range(4), samples=256, rel=0.02, **settings):

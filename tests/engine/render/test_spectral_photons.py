@@ -15,6 +15,8 @@ from tests.helpers.caustic_scenes import prism_scene
 from tests.helpers.photon_renders import assert_same_light, pictures
 
 pytestmark = pytest.mark.estimator
+#: Kernels of wavelengths are kernels of their own, which take half a minute to compile.
+with_wavelengths = pytest.mark.slow
 
 
 def test_a_photon_brings_its_power_to_the_wavelengths_that_are_near() -> None:
@@ -32,12 +34,14 @@ def test_a_photon_brings_its_power_to_the_wavelengths_that_are_near() -> None:
             assert power_of_channel(photons, 0, hero, c, half) == pytest.approx(expected)
 
 
+@with_wavelengths
 def test_glass_that_does_not_disperse_is_as_bright_as_by_paths() -> None:
     """All of a photon's wavelengths arrive."""
     scene = prism_scene(2.0, 0.0)
     assert_same_light(*(pictures(scene, caustics, spectral="ON") for caustics in ("PHOTONS", "PATHS")), 0.02)
 
 
+@with_wavelengths
 def test_a_prism_has_the_spectrum_that_it_has_by_paths() -> None:
     """Colours lie beside each other along the columns."""
     by_photons, by_paths = (
@@ -46,6 +50,7 @@ def test_a_prism_has_the_spectrum_that_it_has_by_paths() -> None:
     assert_same_light(by_photons, by_paths, 0.02)
 
 
+@with_wavelengths
 def test_photons_make_less_noise_where_the_lamp_is_small() -> None:
     by_photons, by_paths = (
         pictures(prism_scene(0.1), caustics, range(2), samples=64, spectral="ON") for caustics in ("PHOTONS", "PATHS")
@@ -53,6 +58,7 @@ def test_photons_make_less_noise_where_the_lamp_is_small() -> None:
     assert 4.0 * by_photons.var(axis=0).mean() < by_paths.var(axis=0).mean()
 
 
+@with_wavelengths
 @pytest.mark.parametrize("roughness", [0.1, 0.5])
 def test_rough_glass_that_disperses_is_left_to_paths(roughness: float) -> None:
     scene = prism_scene(2.0)
