@@ -48,6 +48,7 @@ from engine.state.geometry import INSTANCE_FLAG_BAKED, INSTANCE_FLAGS
 from tests.helpers.bakes import first_triangle
 from tests.helpers.linked_lights import linkings
 from tests.helpers.media_scenes import media_scene, placed, varying
+from tests.helpers.scene_arrays import different_arrays, scene_arrays
 
 _SETTINGS = RenderSettings(samples=2, threads=1, max_bounces=3, spectral="OFF")
 
@@ -483,38 +484,6 @@ UNSEEN = frozenset({
 })  # fmt: skip
 
 
-def _arrays(scene: Scene) -> dict[str, np.ndarray]:
-    """All arrays of a scene by name, and its other facts as arrays."""
-    found: dict[str, np.ndarray] = {
-        "world_program": np.array(scene.world_program),
-        "has_transparent_shadows": np.array(scene.has_transparent_shadows),
-        **{f"camera.{name}": array for name, array in scene.camera._asdict().items()},
-    }
-    for name in ("geometry", "shaders", "lights", "bake"):
-        found |= _parts(name, getattr(scene, name))
-    return found | _parts("media", scene.media.arrays)
-
-
-def _parts(name: str, value: Any) -> dict[str, np.ndarray]:
-    """The arrays of a bundle and of the bundles in it, by name."""
-    if not hasattr(value, "_asdict"):
-        return {name: np.asarray(value)}
-    found: dict[str, np.ndarray] = {}
-    for part, inner in value._asdict().items():
-        found |= _parts(f"{name}.{part}", inner)
-    return found
-
-
-def _different(a: Scene, b: Scene) -> list[str]:
-    """Names of arrays that are not equal to the bit."""
-    first, second = _arrays(a), _arrays(b)
-    assert first.keys() == second.keys()
-    return [
-        name for name in first
-        if first[name].shape != second[name].shape or first[name].tobytes() != second[name].tobytes()
-    ]
-
-
 def _changed(change: Change) -> SceneDescription:
     description = copy.deepcopy(_original())
     change(description)
@@ -577,7 +546,7 @@ def test_what_was_kept_is_what_would_be_built(field: str, change: Change, sessio
     session.load(_original())
     for description, expected in ((_changed(change), _fresh(_changed(change))), (_original(), _fresh_original())):
         notices = session.load(description)
-        assert session.scene is not None and _different(session.scene, expected.scene) == []
+        assert session.scene is not None and different_arrays(session.scene, expected.scene) == []
         assert notices == expected.notices
         image = session.render(passes=("Combined", "Depth")).passes
         assert all(np.array_equal(image[name], expected.passes[name], equal_nan=True) for name in expected.passes)
@@ -592,7 +561,7 @@ def test_changes_show(field: str) -> None:
         description = _changed(change)
         changed = build_scene(description, _SETTINGS, SceneCache(), threads=1)
         same_facts = original.notices == changed.notices and original.description.frame == description.frame
-        shown.append(bool(_different(original, changed)) or not same_facts)
+        shown.append(bool(different_arrays(original, changed)) or not same_facts)
     assert any(shown)
 
 
@@ -604,7 +573,7 @@ def _loaded(session: Session, description: SceneDescription) -> Scene:
 
 def _other_objects(a: Scene, b: Scene) -> set[str]:
     """Names of arrays that are not the same objects."""
-    first, second = _arrays(a), _arrays(b)
+    first, second = scene_arrays(a), scene_arrays(b)
     facts = {"world_program", "has_transparent_shadows"}
     names = {name for name in first if name not in facts and not name.startswith("bake.")}  # They are always made anew.
     return {name for name in names if first[name] is not second[name]}
@@ -666,7 +635,7 @@ def test_a_build_that_fails_leaves_nothing_stale(session: Session) -> None:
     with pytest.raises(ValueError, match="a motion is of instance"):
         session.load(_changed(_set("instances.motion", {99: np.stack([_at(0, 0, 0)] * 2)})))
     fresh = Session(_SETTINGS)
-    assert _different(_loaded(session, _original()), _loaded(fresh, _original())) == []
+    assert different_arrays(_loaded(session, _original()), _loaded(fresh, _original())) == []
 
 
 @pytest.mark.parametrize("sees_camera", [False, True])
@@ -682,7 +651,7 @@ def test_a_look_by_another_camera_is_what_a_load_would_be(sees_camera: bool, ses
     assert session.scene is not None
     fresh = Session(_SETTINGS)
     expected = _loaded(fresh, dataclasses.replace(description, camera=camera, frame=frame))
-    assert _different(session.scene, expected) == []
+    assert different_arrays(session.scene, expected) == []
     assert session.scene.description.frame == frame and session.scene.notices == before.notices
     assert session.scene.accelerator is before.accelerator
     images = [item.render(passes=("Combined", "Depth")).passes for item in (session, fresh)]
