@@ -71,7 +71,8 @@ def build_casters(
     is_shown = flags & INSTANCE_FLAG_HOLDOUT == 0
     # Places on curves and points are not followed.
     gathers = is_shown & (has_faces | ~moves)
-    # What shadow catchers do to light themselves is no effect of objects: casters are none.
+    # What shadow catchers do to light themselves is no effect of objects: casters are none. Through what casts no
+    # shadow light samples bring the light already.
     may_cast = is_shown & has_faces & (flags & INSTANCE_FLAG_CATCHER == 0)
     may_cast &= table[:, INSTANCE_VISIBILITY] & VISIBLE_SHADOW != 0
     first_row = np.full(len(table), -1, np.int32)
@@ -188,9 +189,8 @@ class KeptCasters:
         if not settings.traces_photons:
             self._kept.drop()
             return no_casters(lights)
-        # Through what lets shadow rays pass, or casts no shadow, light samples bring the light already.
-        casts = tuple(program.makes_caustics and not program.lets_through for program in programs.compiled)
-        refracts = tuple(program.refracts for program in programs.compiled)
+        casts = tuple(program.makes_caustics for program in programs.compiled)
+        refracts = tuple(program.refracts or program.lets_through for program in programs.compiled)
         key = meshes.geometry.version, casts, refracts
         casters = self._kept.get(key, lambda: build_casters(geometry, casts, refracts, lights))
         # Scattering finds nothing here that light samples leave to it.

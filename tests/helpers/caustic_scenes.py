@@ -29,6 +29,16 @@ def glass(ior: float, roughness: float = 0.0) -> Material:
     return Material("Glass", "Glass", NodeGraph([node], Link(0, "BSDF")))
 
 
+def mixed_with_nothing(sharp: Material, *, to_shadows: bool = False) -> Material:
+    """A material, half of which is Transparent; or all of it, but to shadow rays alone."""
+    clear = Node("ShaderNodeBsdfTransparent", "Clear", {"Color": (1.0, 1.0, 1.0, 1.0)})
+    path = Node("ShaderNodeLightPath", "Path")
+    chosen = Link(2, "Is Shadow Ray") if to_shadows else 0.5
+    both = {"Fac": chosen, "Shader": Link(0, "BSDF"), "Shader_001": Link(1, "BSDF")}
+    nodes = [sharp.graph.nodes[0], clear, path, Node("ShaderNodeMixShader", "Mix", both)]
+    return replace(sharp, graph=NodeGraph(nodes, Link(3, "Shader")))
+
+
 def _two(transform: np.ndarray, second: Material, lights: list[Light]) -> SceneDescription:
     """The floor, and something of another material."""
     scene = floor_scene(

@@ -17,7 +17,13 @@ from engine.scene.description import VISIBLE_SHADOW, World
 from engine.scene.fast_gi import FastGi
 from engine.settings import RenderSettings
 from engine.state.photons import MAP_BUCKETS, MAP_INVERSE_CELL, PHOTON_P, PHOTON_WIDTH, no_photons
-from tests.helpers.caustic_scenes import hidden_glass_scene, mirror_scene, mirrored_scene, water_scene
+from tests.helpers.caustic_scenes import (
+    hidden_glass_scene,
+    mirror_scene,
+    mirrored_scene,
+    mixed_with_nothing,
+    water_scene,
+)
 from tests.helpers.photon_renders import assert_same_light
 from tests.helpers.photon_renders import pictures as by_caustics
 
@@ -114,6 +120,28 @@ def test_water_is_as_bright_as_by_paths(roughness: float) -> None:
     by_photons, by_paths = (
         by_caustics(water_scene(4.0, roughness), caustics, range(4)) for caustics in ("PHOTONS", "PATHS")
     )
+    assert abs(z_of_means(by_photons, by_paths)) < 4.0
+    assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.02)
+
+
+def test_a_mirror_that_half_of_the_light_passes_reflects_the_other_half() -> None:
+    """As windows are made: light samples pass it, and know nothing of what it reflects."""
+    half = mirror_scene()
+    half.materials[1] = mixed_with_nothing(half.materials[1])
+    alone = mirrored_scene()
+    alone.lights = alone.lights[:1]
+    found, direct, both = (pictures(scene, range(4), samples=256)[:, :9] for scene in (half, alone, mirrored_scene()))
+    expected = 0.5 * (direct + both)
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.01)
+    np.testing.assert_allclose(found.mean(axis=(0, 2)), expected.mean(axis=(0, 2)), rtol=0.05)
+
+
+@pytest.mark.parametrize("to_shadows", [False, True])
+def test_water_that_light_samples_pass_is_as_bright_as_by_paths(to_shadows: bool) -> None:
+    """If all of them do, light comes to the floor twice, as in Cycles."""
+    scene = water_scene()
+    scene.materials[1] = mixed_with_nothing(scene.materials[1], to_shadows=to_shadows)
+    by_photons, by_paths = (by_caustics(scene, caustics, range(4)) for caustics in ("PHOTONS", "PATHS"))
     assert abs(z_of_means(by_photons, by_paths)) < 4.0
     assert by_photons.mean() == pytest.approx(by_paths.mean(), rel=0.02)
 
