@@ -9,7 +9,7 @@ from unittest import mock
 
 import numpy as np
 
-from engine.render import photon_radius
+from engine.render import photon_maps, photon_radius
 from engine.render.session import Session
 from engine.scene.description import SceneDescription
 from engine.scene.digest import scene_digest
@@ -29,13 +29,16 @@ def pictures(
     Parameters
     ----------
     neighbours : int
-        Photons within a disc, at most: few, since such small pictures show what large discs blur.
+        Photons within a disc, at most: few, since such small pictures show what large discs blur. Then no disc
+        has a least size.
     """
     chosen = {"caustics": caustics, "samples": 256, "threads": 1, "filter_glossy": 0.0} | settings
     # Paths have no neighbours.
     known = scene_digest(scene), shown, neighbours * (caustics != "PATHS"), tuple(sorted(chosen.items()))
     found = []
-    with mock.patch.object(photon_radius, "MOST_NEIGHBOURS", neighbours):
+    least = 0.0 if neighbours < photon_radius.MOST_NEIGHBOURS else photon_maps.LEAST_PIXELS
+    most_neighbours = mock.patch.object(photon_radius, "MOST_NEIGHBOURS", neighbours)
+    with most_neighbours, mock.patch.object(photon_maps, "LEAST_PIXELS", least):
         for seed in seeds:
             if (seed, *known) not in _rendered:
                 _rendered[seed, *known] = _picture(scene, shown, {"seed": seed} | chosen)
