@@ -15,7 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.metrics import EPSILON, FloatArray, flip, image_scale, reduce_error, seed_variance
+from benchmarks.metrics import (
+    EPSILON,
+    Error,
+    FloatArray,
+    flip,
+    image_scale,
+    known_pixels,
+    reduce_error,
+    seed_variance,
+)
 from benchmarks.report.collect import Batch, SceneResults, collect
 from benchmarks.rivals import denoised_label
 from benchmarks.tables import table
@@ -35,8 +44,13 @@ class TotalError:
     difference: float
 
 
-def _product(first: FloatArray, second: FloatArray, scale: FloatArray) -> float:
-    return reduce_error((first * second / scale).mean(axis=-1)).trimmed
+def product_error(image: FloatArray, references: tuple[FloatArray, FloatArray]) -> Error:
+    """Product of the differences to both references, relative, where these are known."""
+    first, second = (np.asarray(reference, np.float64)[..., :3] for reference in references)
+    truth, seen = 0.5 * (first + second), np.asarray(image, np.float64)[..., :3]
+    scale = truth**2 + EPSILON * image_scale(truth) ** 2
+    product = ((seen - first) * (seen - second) / scale).mean(axis=-1)
+    return reduce_error(product[known_pixels(truth)])
 
 
 def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, FloatArray]) -> TotalError:
@@ -49,14 +63,13 @@ def total_error(images: Sequence[FloatArray], references: tuple[FloatArray, Floa
     """
     first, second = (np.asarray(reference, np.float64)[..., :3] for reference in references)
     truth = 0.5 * (first + second)
-    scale = truth**2 + EPSILON * image_scale(truth) ** 2
     stack = np.stack([np.asarray(image, np.float64)[..., :3] for image in images])
-    total = float(np.median([_product(image - first, image - second, scale) for image in stack]))
+    total = float(np.median([product_error(image, references).trimmed for image in stack]))
     mean = stack.mean(axis=0)
     variance = bias_squared = float("nan")
     if len(stack) > 1:
         variance = seed_variance(images, truth, least_seeds=2).trimmed
-        bias_squared = _product(mean - first, mean - second, scale) - variance / len(stack)
+        bias_squared = product_error(mean, references).trimmed - variance / len(stack)
     return TotalError(total, variance, bias_squared, float(mean.mean() / truth.mean()) - 1.0)
 
 

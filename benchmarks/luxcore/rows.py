@@ -9,19 +9,17 @@ import numpy as np
 
 from benchmarks import metrics
 from benchmarks.images import Float32Array
+from benchmarks.total_error import product_error
 
 HEADER = ["scene", "rival", "seeds", "spp", "seconds", "ref err", "trimmed", "MAPE", "mean"]
 
 
-def product_error(image: Float32Array, references: Sequence[Float32Array]) -> metrics.Error:
-    """Relative squared error to one reference; to two the product of the differences, as in `total_error`."""
+def _error(image: Float32Array, references: Sequence[Float32Array]) -> metrics.Error:
+    """Relative squared error to one reference, `product_error` to two."""
     if len(references) == 1:
         return metrics.relative_squared_error(image, references[0])
-    first, second = (np.asarray(reference, np.float64)[..., :3] for reference in references)
-    truth, seen = 0.5 * (first + second), np.asarray(image, np.float64)[..., :3]
-    scale = truth**2 + metrics.EPSILON * metrics.image_scale(truth) ** 2
-    product = ((seen - first) * (seen - second) / scale).mean(axis=-1)
-    return metrics.reduce_error(product[metrics.known_pixels(truth)])
+    first, second = references
+    return product_error(image, (first, second))
 
 
 def row(
@@ -36,7 +34,7 @@ def row(
         return [*spent, None, None, None, f"{mean:.5g}"]
     truth = np.mean(np.stack([reference[..., :3] for reference in references]), axis=0)
     known = metrics.known_pixels(truth)
-    errors = [product_error(image, references) for image in images]
+    errors = [_error(image, references) for image in images]
     mean = np.mean([image[known][:, :3].mean(dtype=np.float64) for image in images])
     shares = [metrics.absolute_percentage_error(image, truth) for image in images]
     return [

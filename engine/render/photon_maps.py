@@ -43,10 +43,9 @@ from engine.state.photons import (
     no_photons,
 )
 
-#: Photons for each path that goes by their map, and least and most of a map. The first map has fewer, since a trial may
-#: find that none are worth their time.
-#: Where there are marks within media, half as many do: each leaves several.
+#: Photons for each path that goes by their map, and where there are marks within media, of which each leaves several.
 _PHOTONS_PER_PATH, _PHOTONS_PER_PATH_IN_MEDIA = 1.0, 0.5
+#: Least and most photons of a map. The first has fewer, since a trial may find that none are worth their time.
 _FEWEST, _MOST, _MOST_AT_FIRST = 1 << 12, 1 << 21, 1 << 17
 #: Photons that a thread sends off at a time.
 CHUNK = 4096
@@ -58,10 +57,10 @@ _MOST_DIVISIONS = 8
 _FIRST_NEIGHBOURS = 16
 #: Radii are at most this many times a pixel's: where few photons arrive, paths find what they lack.
 MOST_PIXELS = 6.0
-#: At first they are at least this: a smaller disc sharpens nothing that a pixel's filter would not blur.
-LEAST_PIXELS = 0.5
 #: And where the picture is denoised, so that noise of pixels is another one in each.
 MOST_PIXELS_DENOISED = 0.5
+#: The map's own are at least this at first: a smaller disc sharpens nothing that a pixel's filter would not blur.
+LEAST_PIXELS = 0.5
 #: MAP_ONE_IN then: for samples before this one, whose few maps a denoiser would take for patterns, and later.
 ONE_IN_EARLY, ONE_IN_LATER, EARLY_SAMPLES = 32, 8, 16
 #: MAP_GATHERED_ONE_IN, at most, and how many photons a path is to gather in a disc.

@@ -21,6 +21,7 @@ from benchmarks.scene_files import SceneSource
 from benchmarks.scenes import studio
 from benchmarks.scenes.registry import SCENES, BuiltinScene
 from engine.builder.camera import filter_table
+from tests.helpers.grey_floor import open_grey_floor
 
 #: Kernels of photons take a minute to compile.
 compiled = pytest.mark.slow
@@ -34,13 +35,9 @@ def _bounces(scene: Any, count: int) -> None:
 @pytest.fixture
 def floor(blender: Any) -> Any:
     """The open scene: a grey floor that fills the picture, seen from 2 m above; no light."""
-    blender.ops.wm.read_homefile(use_empty=True)
-    studio.resolution(16, 12)
-    studio.world((0.0, 0.0, 0.0))
-    studio.add_object("Floor", studio.quad("Floor", studio.diffuse((0.5, 0.4, 0.3)), 8.0, 8.0))
-    studio.camera((0.0, -0.5, 2.0), (0.0, 0.0, 0.0), 50.0)
-    _bounces(blender.context.scene, 1)
-    return blender.context.scene
+    scene = open_grey_floor(blender, 16, 12)
+    _bounces(scene, 1)
+    return scene
 
 
 def _mean(scene: Any, photons: int = 400_000) -> np.ndarray:

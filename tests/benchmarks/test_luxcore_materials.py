@@ -14,17 +14,13 @@ from benchmarks.luxcore.camera import export_camera
 from benchmarks.luxcore.export import export_scene
 from benchmarks.luxcore.materials import export_material
 from benchmarks.scenes import studio
+from tests.helpers.grey_floor import open_grey_floor
 
 
 @pytest.fixture
 def floor(blender: Any) -> Any:
     """The open scene: a grey floor, seen from above; no light."""
-    blender.ops.wm.read_homefile(use_empty=True)
-    studio.resolution(32, 24)
-    studio.world((0.0, 0.0, 0.0))
-    studio.add_object("Floor", studio.quad("Floor", studio.diffuse((0.5, 0.4, 0.3)), 8.0, 8.0))
-    studio.camera((0.0, -0.5, 2.0), (0.0, 0.0, 0.0), 50.0)
-    return blender.context.scene
+    return open_grey_floor(blender, 32, 24)
 
 
 def _exported(surface: Callable[[Any], Any], volume: Callable[[Any], Any] | None = None) -> dict[str, Any]:
